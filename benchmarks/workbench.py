@@ -369,20 +369,20 @@ def _most_memory(pid: int) -> float:
 def serve(folder: str) -> None:
     """Serve the workbench on recordings of a folder, and print its address and the time of a diagnosis."""
     from gyrowheel.models.api import Model
-    from gyrowheel.workbench import session as desk
-    from gyrowheel.workbench.library import Shelf
+    from gyrowheel.workbench import session
+    from gyrowheel.workbench.library import Library
     from gyrowheel.workbench.server import Server
 
     name = "diagnose"
-    computed = getattr(desk, name)
+    computed = getattr(session, name)
 
     def diagnose(*given: Any, **named: Any) -> Any:
         found = computed(*given, **named)
         sys.stdout.write(f"diagnosed: {time.time():.6f}\n")
         return found
 
-    setattr(desk, name, diagnose)
-    with Server(desk.Desk(Shelf([Path(folder)]), Model()), port=0) as own:
+    setattr(session, name, diagnose)
+    with Server(session.Session(Library([Path(folder)]), Model()), port=0) as own:
         sys.stdout.write(f"page: {own.url}\n")
         threading.Event().wait()
 

@@ -123,7 +123,7 @@ def test_a_sweep_becomes_a_table(gyrowheel: Shell, player: Player, tmp_path: Pat
         (["--iterations", "60"], "iterations: 60 is not that of the sweep in {}, 40"),
         (["--pressure", "900"], "pressure: 900.0 is not that of the sweep in {}, none"),
         (["--geometry", "mine.yaml"], "geometry: "),
-        (["-o", "x"], "-o: with --resume everything goes on in {}"),
+        (["-o", "x"], "-o: with --resume the folder is {}"),
     ],
 )
 def test_other_settings_of_a_sweep_are_refused(

@@ -218,5 +218,5 @@ def test_no_end_of_a_node_can_be_taken_for_a_finding_or_an_interruption() -> Non
     assert (ExitCode.BAD_INPUT, ExitCode.FAULT, ExitCode.CRASH) == (
         shell.BAD_INPUT,
         shell.NODE_FAILED,
-        shell.DEFECT,
+        shell.INTERNAL_ERROR,
     )

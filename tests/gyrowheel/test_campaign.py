@@ -19,13 +19,12 @@ from gyrowheel.campaigns import hidden as hiding
 from gyrowheel.campaigns import workers
 from gyrowheel.campaigns.cases import Campaign, Case, cases
 from gyrowheel.campaigns.hidden import LARGEST, Secret, Yardstick, hide, yardstick
-from gyrowheel.campaigns.job import _move, run_case
 from gyrowheel.campaigns.judge import Interval, Judged, judge
 from gyrowheel.campaigns.outside import declared, outside_forms
 from gyrowheel.campaigns.page import campaign_page, case_line
-from gyrowheel.campaigns.report import campaign_page as report_page
-from gyrowheel.campaigns.result import CampaignResult
+from gyrowheel.campaigns.report import campaign_report
 from gyrowheel.campaigns.summary import Rate, Summary, covered
+from gyrowheel.campaigns.workers import _move, run_case
 from gyrowheel.show.layout import show
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_control.loops.controller import Gains
@@ -57,7 +56,7 @@ def measure() -> Yardstick:
 # ---- the cases
 
 
-def test_every_kind_has_its_share_and_more_cases_change_none():
+def test_kinds_have_their_shares_and_a_case_does_not_depend_on_the_number_of_cases():
     many = cases(CAMPAIGN, 200)
     counts = {kind: sum(c.kind == kind for c in many) for kind in KINDS}
     assert counts == {kind: round(200 * share) for kind, share in KINDS.items()}
@@ -132,7 +131,7 @@ def test_effects_take_turns_and_are_as_large_as_limits_allow(measure: Yardstick)
     assert sum(s.sizes[next(iter(s.truth))] >= 1.0 for s in secrets) > 0.5 * len(pool)
 
 
-def test_a_size_is_in_proportion_and_says_what_the_finder_says(measure: Yardstick):
+def test_sizes_are_proportional_and_agree_with_detection_limits(measure: Yardstick):
     once = measure.size("windage", {"w": 5e-4, "n": 1.48}, 1.0, {})
     assert measure.size("windage", {"w": 1e-3, "n": 1.48}, 1.0, {}) == pytest.approx(2.0 * once, rel=1e-3)
     assert measure.size("windage", {"w": 5e-4, "n": 1.48}, 3.0, {}) < once
@@ -163,7 +162,7 @@ def test_forms_outside_the_library_are_simulated_but_not_registered(measure: Yar
         assert set(secret.scenario.declared) == (set(declared()) if own else set())
 
 
-def test_what_is_recorded_loses_samples_and_carries_no_truth(tmp_path: Path, measure: Yardstick):
+def test_recordings_lose_samples_and_contain_no_truth(tmp_path: Path, measure: Yardstick):
     case = case_of("single", replace(CAMPAIGN, lost=0.05))
     secret = hide(case, measure)
     for part, name in enumerate(("a", "b")):
@@ -177,7 +176,7 @@ def test_what_is_recorded_loses_samples_and_carries_no_truth(tmp_path: Path, mea
         assert not re.search(rb"\b" + word.encode() + rb"\b", content), word
 
 
-def test_the_finder_can_see_nothing_but_recordings_and_the_model():
+def test_the_finder_imports_recordings_and_the_model_only():
     folder = Path(hiding.__file__).parent
     tree = ast.parse((folder / "finder.py").read_text(encoding="utf-8"))
     modules = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module}
@@ -263,20 +262,20 @@ def test_judge(kind: str, truth: dict[str, dict[str, float]], answer: Any, outco
     json.dumps(judged.to_json())
 
 
-def test_what_is_below_its_limit_may_be_missed_but_not_misnamed():
+def test_an_effect_below_its_limit_may_be_missed_but_not_misnamed():
     small = replace(secret_of(windage=WINDAGE), sizes={"windage": 1.2})
     assert judge(case_of("single"), small, diagnosis("nothing_missing")).right
     assert not judge(case_of("single"), small, diagnosis("effect", finding("aero_cross"))).right
 
 
-def test_another_exponent_of_a_library_effect_is_right_where_it_is():
+def test_another_exponent_of_a_library_effect_is_named_right():
     secret = replace(secret_of(steep_windage={"w": 1e-3, "n": 1.55}), resembles=("windage", "n"))
     assert judge(case_of("outside"), secret, diagnosis("effect", finding("windage"))).outcome == "named_right"
     far = replace(secret, truth={"steep_windage": {"w": 1e-3, "n": 2.8}})
     assert judge(case_of("outside"), far, diagnosis("effect", finding("windage"))).outcome == "misnamed"
 
 
-def test_intervals_are_those_of_what_was_named_right():
+def test_intervals_are_of_rightly_named_effects():
     judged = judge(case_of("single"), secret_of(windage=WINDAGE), diagnosis("effect", finding("windage")))
     assert {i.name for i in judged.intervals} == {"windage.w", "windage.n"}
     assert judged.parameters
@@ -303,14 +302,14 @@ def test_known_intervals():
     assert math.isnan(Rate(0, 0).part)
 
 
-def test_coverage_counts_intervals_that_hold():
+def test_coverage_counts_intervals_that_contain_the_truth():
     rng = np.random.default_rng(3)
     sample = [Interval("x", float(v), 2.0, 5.0) for v in 5.0 + 2.0 * rng.standard_normal(4000)]
     for level in (0.5, 0.95):
         assert covered(sample, level).part == pytest.approx(level, abs=0.03)
 
 
-def test_the_summary_counts():
+def test_counts_of_the_summary():
     done = [
         judged_case(0, "none"),
         judged_case(1, "none", "misnamed", named=["windage"], verdict="effect"),
@@ -324,7 +323,7 @@ def test_the_summary_counts():
         judged_case(9, "pair", "partial"),
         judged_case(10, outcome="failed", error="ValueError: no"),
     ]
-    summary = Summary.of(5, 20, reversed(done))
+    summary = Summary.counted(5, 20, reversed(done))
     content = summary.to_json()
     assert content["cases"] == 11
     assert content["none"] == {"n": 2, "false_alarms": 1}
@@ -349,7 +348,7 @@ def test_the_summary_counts():
 
 
 @pytest.mark.parametrize("width", [80, 110])
-def test_the_page_fits_and_names_every_mistake(width: int):
+def test_the_page_fits_the_width_and_lists_every_wrong_answer(width: int):
     from rich.console import Console
 
     done = [
@@ -359,7 +358,7 @@ def test_the_page_fits_and_names_every_mistake(width: int):
     done += [judged_case(6, "none"), judged_case(7, "outside", "missed")]
     console = Console(width=width, highlight=False, color_system=None)
     with console.capture() as capture:
-        show(console, campaign_page(Summary.of(5, 9, done), "8 blind cases"))
+        show(console, campaign_page(Summary.counted(5, 9, done, "8 blind cases")))
     shown = capture.get()
     assert all(len(line) <= width for line in shown.splitlines())
     assert "interrupted: 8 of 9 cases" in shown
@@ -367,7 +366,7 @@ def test_the_page_fits_and_names_every_mistake(width: int):
     assert "…" not in shown
     assert case_line(done[5]) == "case 5: hidden windage (3.0); answered flexure_hysteresis or windage_tilt"
     with console.capture() as capture:
-        show(console, campaign_page(Summary.of(5, 9, []), "nothing done"))
+        show(console, campaign_page(Summary.counted(5, 9, [], "nothing done")))
     assert "0 of 9" in capture.get()
 
 
@@ -377,14 +376,14 @@ def test_the_report_has_the_numbers_of_the_json():
     ]
     done += [judged_case(5, outcome="misnamed", named=["flexure_hysteresis"], ties=[("<b>windage", None)])]
     done += [judged_case(6, "none"), judged_case(7, "outside", "missed")]
-    result = CampaignResult(Summary.of(5, 9, done), "8 blind cases <i>")
-    page = Page(report_page(result, "gyrowheel campaign --plan <b>quick"))
+    result = Summary.counted(5, 9, done, "8 blind cases <i>")
+    page = Page(campaign_report(result, "gyrowheel campaign --plan <b>quick"))
     assert check_numbers(page) > 15
-    assert page.content["campaign"] == json.loads(json_text(result.to_dict()))
+    assert page.content["campaign"] == json.loads(json_text(result.to_json()))
     assert [case["case"] for case in page.content["cases"]] == list(range(8))
     assert not [e for e in page.elements if e.tag in ("i", "b")]  # what is written there is text
     assert "flexure_hysteresis or <b>windage" in page.text.replace("&lt;", "<").replace("&gt;", ">")
-    assert "nothing done" in report_page(CampaignResult(Summary.of(5, 9, []), "nothing done"), "")
+    assert "nothing done" in campaign_report(Summary.counted(5, 9, [], "nothing done"), "")
 
 
 # ---- the work
@@ -402,7 +401,7 @@ def timeless(done: list[Judged]) -> list[dict[str, Any]]:
     return [{**c.to_json(), "seconds": 0.0} for c in sorted(done, key=lambda c: c.index)]
 
 
-def test_a_case_keeps_what_it_was(alone: tuple[Path, list[Judged]]):
+def test_a_kept_case_is_complete(alone: tuple[Path, list[Judged]]):
     folder, done = alone
     assert [c.index for c in done] == [0, 1]
     assert not any(c.outcome == "failed" for c in done), [c.error for c in done]
@@ -416,14 +415,14 @@ def test_a_case_keeps_what_it_was(alone: tuple[Path, list[Judged]]):
 
 @pytest.mark.slow
 @pytest.mark.study  # the cluster below changes nothing either, and the verb's own test runs processes
-def test_processes_change_nothing(alone: tuple[Path, list[Judged]]):
+def test_several_processes_give_the_same_cases(alone: tuple[Path, list[Judged]]):
     with workers.judged_cases(cases(CAMPAIGN, 2), jobs=2) as results:
         assert timeless(list(results)) == timeless(alone[1])
 
 
 @pytest.mark.study  # starts a cluster of Dask
 @pytest.mark.slow
-def test_a_cluster_changes_nothing(alone: tuple[Path, list[Judged]]):
+def test_a_cluster_gives_the_same_cases(alone: tuple[Path, list[Judged]]):
     distributed = pytest.importorskip("dask.distributed")
     options = {"host": "127.0.0.1", "dashboard_address": None, "protocol": "tcp", "threads_per_worker": 1}
     with (
@@ -433,7 +432,7 @@ def test_a_cluster_changes_nothing(alone: tuple[Path, list[Judged]]):
         assert timeless(list(results)) == timeless(alone[1][:1])
 
 
-def test_a_cluster_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
+def test_a_missing_cluster_is_named(monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("dask.distributed")
     monkeypatch.setattr(workers, "_CONNECT", 0.5)
     with (
@@ -443,35 +442,35 @@ def test_a_cluster_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch):
         pass
 
 
-def test_a_finder_that_fails_is_a_case_that_is_not_right(monkeypatch: pytest.MonkeyPatch):
+def test_a_failed_diagnosis_is_a_wrong_case(monkeypatch: pytest.MonkeyPatch):
     def fail(*_: object) -> None:
         raise np.linalg.LinAlgError("singular matrix")
 
-    monkeypatch.setattr("gyrowheel.campaigns.job.find", fail)
+    monkeypatch.setattr("gyrowheel.campaigns.workers.find", fail)
     judged = run_case(case_of("none"))
     assert (judged.outcome, judged.error, judged.right) == ("failed", "LinAlgError: singular matrix", False)
 
 
-def test_a_machine_without_memory_is_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_lack_of_memory_ends_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """The campaign ends, and can go on; the case is not counted as one in which the finder failed."""
 
     def fail(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("gyrowheel.campaigns.job.record", lambda *_: None)
-    monkeypatch.setattr("gyrowheel.campaigns.job.find", fail)
+    monkeypatch.setattr("gyrowheel.campaigns.workers.record", lambda *_: None)
+    monkeypatch.setattr("gyrowheel.campaigns.workers.find", fail)
     with pytest.raises(MemoryError):
         run_case(case_of("none"), scratch=str(tmp_path))
     assert not list(tmp_path.iterdir())
 
 
-def test_a_worker_that_is_killed_is_told_in_one_line():
+def test_a_killed_worker_is_reported_in_one_line():
     killed = pytest.importorskip("joblib.externals.loky.process_executor").TerminatedWorkerError
     with pytest.raises(InputError, match="jobs: a worker was killed"), workers._told():
         raise killed("a worker process was terminated")
 
 
-def test_what_is_kept_of_a_case_appears_as_a_whole(tmp_path: Path):
+def test_the_folder_of_a_case_appears_complete(tmp_path: Path):
     """In the place of what an interrupted campaign has kept of it; nothing is beside it."""
     made, kept = tmp_path / "made", tmp_path / "kept" / "case-0001"
     for folder, name in ((made, "new"), (kept, "old")):
@@ -546,7 +545,7 @@ def test_bad_input_is_one_line(
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_plans_and_bench_travel_with_the_case():
+def test_a_case_contains_plans_and_bench():
     # a worker elsewhere has none of the files
     text = Bench.load().describe()
     case = case_of("single")

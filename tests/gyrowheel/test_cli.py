@@ -53,7 +53,7 @@ def test_every_verb_has_help_with_an_example(gyrowheel: Shell, verb: str):
 
 
 @pytest.mark.parametrize("verb", sorted(VERBS))
-def test_help_shows_all_that_is_said_of_an_option(gyrowheel: Shell, verb: str):
+def test_help_shows_the_whole_text_of_an_option(gyrowheel: Shell, verb: str):
     shown = "".join(gyrowheel.good(*verb.split(), "--help").out.replace("│", " ").split())
     for option in VERBS[verb].params:
         if not option.hidden:
@@ -74,7 +74,7 @@ def test_help_lists_every_verb(gyrowheel: Shell):
     assert all(f" {verb} " in shown for verb in COMMAND.commands)
 
 
-def test_help_needs_none_of_the_heavy_modules():
+def test_help_imports_no_heavy_module():
     code = (
         "import sys; from gyrowheel.cli.app import app; from gyrowheel.cli.console import run; run(app, ['--help']);"
         "print('heavy:', sorted({'numba', 'scipy', 'sympy', 'matplotlib', 'rclpy', 'numpy'} & set(sys.modules)))"
@@ -423,7 +423,7 @@ def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_pa
 # ---- the model file
 
 
-def test_the_life_of_a_model(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+def test_model_verbs_in_sequence(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     model, first = tmp_path / "model.yaml", tmp_path / "first.yaml"
     gyrowheel.good("model", "new", "--model", model)
     assert_refused(gyrowheel("model", "new", "--model", model), "exists")
@@ -446,7 +446,7 @@ def test_the_life_of_a_model(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     assert_refused(gyrowheel("model", "undo", "--model", model), "nothing to undo")
 
 
-def test_add_takes_several_effects_and_tells_what_it_did(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+def test_add_of_several_effects(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     model = tmp_path / "model.yaml"
     shutil.copy(wheel.model, model)
     arguments = ["windage", "aero_cross", "--model", model, "--fit", wheel.recording, "--json", "-"]
@@ -520,7 +520,7 @@ def test_the_machine_of_a_model_is_explained_by_it(gyrowheel: Shell, wheel: Whee
 
 @pytest.mark.study  # test_model_file.py adds a proposal to a model
 @pytest.mark.slow
-def test_the_form_that_a_diagnosis_proposes_can_be_typed_as_it_stands(gyrowheel: Shell, tmp_path: Path):
+def test_the_proposed_formula_is_valid_input(gyrowheel: Shell, tmp_path: Path):
     key = write(tmp_path / "key.json", '{"values": {}, "effects": {"contact": {"A": 0.02, "p": 0.45}}}')
     for name in ("quick", "check"):
         gyrowheel.good("simulate", "--plan", name, "-o", tmp_path / name, "--blind", key)
@@ -578,7 +578,7 @@ def test_catalogue_as_json(gyrowheel: Shell):
     assert set(bench["parameters"]) == set(Bench.load().parameters)
 
 
-def test_catalogue_for_people(gyrowheel: Shell):
+def test_catalogue_as_text(gyrowheel: Shell):
     for arguments in (["effects"], ["effects", "windage"], ["plans"], ["plans", "quick"], ["bench"]):
         shown = gyrowheel.good(*arguments).out
         assert all(len(line) <= 80 for line in shown.splitlines()), arguments

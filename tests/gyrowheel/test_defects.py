@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, DEFECT, _console, run
+from gyrowheel.cli.console import BAD_INPUT, INTERNAL_ERROR, _console, run
 
 _SECRET = "prototype-of-a-customer"
 
@@ -30,14 +30,16 @@ def _app(error: BaseException) -> typer.Typer:
     return app
 
 
-def test_defect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_internal_error_is_one_line_and_a_report_without_data(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """One line with the exception and the file of the report; the report names places, not data."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    assert run(_app(ZeroDivisionError(f"{_SECRET} over\nzero")), [_SECRET]) == DEFECT == 70
+    assert run(_app(ZeroDivisionError(f"{_SECRET} over\nzero")), [_SECRET]) == INTERNAL_ERROR == 70
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert said.startswith(
-        f"error: this is a defect in gyrowheel: ZeroDivisionError: {_SECRET} over zero; details in "
+        f"error: internal error in gyrowheel: ZeroDivisionError: {_SECRET} over zero; details in "
     )
     report = Path(said.rpartition("details in ")[2].strip())
     assert report.parent == tmp_path / "state" / "gyrowheel"
@@ -49,13 +51,13 @@ def test_defect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     assert report.stat().st_mode & 0o077 == 0
 
 
-def test_defect_where_nothing_can_be_written(
+def test_internal_error_without_a_writable_folder(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The line comes all the same."""
     monkeypatch.setenv("XDG_STATE_HOME", "/proc/none")
     monkeypatch.setattr("tempfile.tempdir", "/proc/none")
-    assert run(_app(RuntimeError("odd")), ["x"]) == DEFECT
+    assert run(_app(RuntimeError("odd")), ["x"]) == INTERNAL_ERROR
     assert "RuntimeError: odd; no file could be written" in capsys.readouterr().err
 
 
@@ -67,7 +69,9 @@ def test_defect_where_nothing_can_be_written(
         (OSError(errno.ENOSPC, "No space left on device"), "No space left on device"),
     ],
 )
-def test_what_the_machine_lacks(error: BaseException, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_memory_descriptors_and_disk_space(
+    error: BaseException, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Too little memory, disk or descriptors is told as that and ends with 2."""
     assert run(_app(error), ["x"]) == BAD_INPUT
     assert capsys.readouterr().err == f"error: {said}\n"
@@ -127,7 +131,7 @@ _STREAMS = """
 """
 
 
-def test_streams_that_are_closed_and_readers_that_leave(tmp_path: Path) -> None:
+def test_closed_streams_and_readers_that_end(tmp_path: Path) -> None:
     """No file takes the place of a closed stream; a reader that has had enough is no finding, and no success.
 
     Nor is an error where standard error takes nothing.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from gyrowheel.blind_tests import judge as judging
+import gyrowheel as gw
 from gyrowheel.demonstration import api as demo
 from gyrowheel.simulation.api import record_simulation
 from gyrowheel_analysis.model import Model
@@ -23,7 +24,7 @@ from .pages import Page, check_numbers
 def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the simulation make the recordings: it gives the same samples as the graph."""
 
-    def record(plan: str, scenario: Scenario, recording: Path, model: Path, stage: Any) -> None:
+    def record(plan: str, scenario: Scenario, recording: Path, model: Path, tour: Any) -> None:
         record_simulation(recording, Bench.load(), scenario, Plan.load(plan), model=Model.load(model))
 
     monkeypatch.setattr(demo, "_run_graph", record)
@@ -33,7 +34,7 @@ def simulated(monkeypatch: pytest.MonkeyPatch) -> None:
 def locked(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the key exist only while a machine is built from it and when it is opened at the end."""
     kept: dict[Path, str] = {}
-    machine, open_key = demo._machine, judging.hidden_effects
+    machine, open_key = demo._machine, demo._open_key
 
     def build(seed: int, plan: str, key: Path) -> Scenario:
         if key in kept:
@@ -43,12 +44,12 @@ def locked(monkeypatch: pytest.MonkeyPatch) -> None:
         key.unlink()
         return scenario
 
-    def at_the_end(key: Path) -> Any:
-        key.write_text(kept[key])
-        return open_key(key)
+    def at_the_end(found: Any, files: demo.Files, tour: Any) -> Any:
+        files.key.write_text(kept[files.key])
+        return open_key(found, files, tour)
 
     monkeypatch.setattr(demo, "_machine", build)
-    monkeypatch.setattr(demo, "hidden_effects", at_the_end)
+    monkeypatch.setattr(demo, "_open_key", at_the_end)
 
 
 @pytest.mark.slow
@@ -81,15 +82,18 @@ def test_the_tour_finds_what_is_hidden_without_the_key(gyrowheel: Shell, tmp_pat
 
 @pytest.mark.study
 @pytest.mark.usefixtures("simulated")
-def test_a_wrong_verdict_is_called_wrong(gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(demo, "hidden_effects", lambda key: {"coil_heating": {"a": 0.004}})
+def test_a_wrong_verdict_ends_with_exit_code_1(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    key = SimpleNamespace(hidden=SimpleNamespace(effects={"coil_heating": {"a": 0.004}}))
+    monkeypatch.setattr(gw, "open_key", lambda _: key)
     result = gyrowheel("demo", "--seed", 5, "-o", tmp_path / "results")
     assert result.code == 1
     assert "WRONG" in result.out
 
 
-def test_results_of_another_run_are_kept(tmp_path: Path):
-    assert demo.new_folder(3, tmp_path).name == "demo-3"
+def test_new_folder_when_the_default_one_exists(tmp_path: Path):
+    assert demo.folder_for(3, tmp_path).name == "demo-3"
     (tmp_path / "demo-3").mkdir()
     (tmp_path / "demo-3-2").mkdir()
-    assert demo.new_folder(3, tmp_path).name == "demo-3-3"
+    assert demo.folder_for(3, tmp_path).name == "demo-3-3"

@@ -62,7 +62,7 @@ def test_machine_controller_and_sequence_share_nothing_with_the_project() -> Non
     ("delay", "time", "order"),
     [(0.0, 0.0, 1), (2.7e-4, 0.0, 1), (1.25e-3, 0.0, 1), (0.0, 1e-4, 1), (3e-4, 3e-4, 1), (1e-4, 1.5e-4, 3)],
 )
-def test_instruments_of_both_makes_show_the_same(delay: float, time: float, order: int) -> None:
+def test_both_implementations_of_the_instruments_agree(delay: float, time: float, order: int) -> None:
     """A tilt that turns and voltages that do, once and twice a turn: amplitudes and phases of the readings."""
     channels = ("tilt", "coil_voltage", "motor_voltage", "motor_current", "spin_angle")
     wrong = {f"{name}_delay": {"d": delay} for name in channels}
@@ -113,7 +113,7 @@ def test_encoder_steps_and_clock_of_the_independent_bench() -> None:
 
 
 @pytest.mark.slow
-def test_holding_torques_are_those_of_the_bench_and_the_step_makes_none() -> None:
+def test_holding_torques_agree_with_the_bench() -> None:
     steps = [Step(rpm, 3 + 0j, hold=4.0) for rpm in (1000.0, 3500.0, 4000.0)]
     found = holds(steps)
     assert found[:, 4] * MNM == pytest.approx([6.42, -0.49, -2.79], abs=0.01)
@@ -145,7 +145,7 @@ def test_holding_torques_are_those_of_the_bench_and_the_step_makes_none() -> Non
         pytest.param({"bearing_coulomb": {"T": 2e-3}}, 0.0, 0.0, 2.0, marks=pytest.mark.study),
     ],
 )
-def test_effects_are_as_large_as_their_formulas_say(
+def test_effects_agree_with_their_formulas(
     effects: dict[str, dict[str, float]], in_phase: float, across: float, drag: float
 ) -> None:
     steps = [Step(3500.0, 3.2 + 0j, hold=3.0)]

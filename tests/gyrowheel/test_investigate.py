@@ -110,7 +110,7 @@ def test_no_test_is_run_a_third_time(scripted: Any):
     assert [list(step.plans) for step in done.steps] == [["check"], ["air_density"], ["air_density"]]
 
 
-def test_what_nothing_separates_is_said(scripted: Any):
+def test_a_tie_without_a_separating_test_ends_unsettled(scripted: Any):
     stuck = diagnosis("ambiguous", finding("aero_cross", tie("flexure_damping", None)))
     done, _ = scripted([stuck])
     assert (done.settled, done.reason) == (False, "no test on this bench separates what is left")
@@ -122,14 +122,14 @@ def test_too_little_data_asks_for_more(scripted: Any):
     assert done.settled
 
 
-def test_an_unknown_effect_is_looked_at_more_broadly_once(scripted: Any):
+def test_an_unknown_effect_leads_to_one_run_of_the_broad_plan(scripted: Any):
     done, _ = scripted([UNKNOWN, UNKNOWN])
     assert [list(step.plans) for step in done.steps] == [["check"], [BROAD]]
     assert done.settled
     assert "Proposed formula: rotor_torque = a*z^2" in done.steps[-1].learned[0]
 
 
-def test_an_uncertain_coefficient_is_sharpened(scripted: Any):
+def test_an_uncertain_coefficient_leads_to_a_precision_test(scripted: Any):
     sharper = PrecisionTest("aero_cross", "cone", 0.25, 0.06, 0.55)
     done, listener = scripted([PRECISE, PRECISE, PRECISE], sharper=sharper)
     assert listener.begun[1] == (["cone"], "knows aero_cross to 6 % instead of 25 %")
@@ -137,7 +137,7 @@ def test_an_uncertain_coefficient_is_sharpened(scripted: Any):
     assert done.settled
 
 
-def test_thorough_goes_on_with_what_could_not_be_seen(scripted: Any):
+def test_thorough_continues_with_undetectable_effects(scripted: Any):
     more = replace(NOTHING, next_test=NextTest("inverted", 60.0, 0.7, reveals="gravity_offset"))
     assert len(scripted([more])[0].steps) == 1
     done, _ = scripted([more, NOTHING], thorough=True, plans=["quick"])
@@ -155,7 +155,7 @@ def test_the_budget_is_kept(scripted: Any):
         scripted([SEPARATING], plans=[])
 
 
-def test_what_was_done_survives_an_interruption(scripted: Any, tmp_path: Path):
+def test_finished_steps_survive_an_interruption(scripted: Any, tmp_path: Path):
     def run(plan: Plan, path: Path, number: int) -> None:
         if number == 2:
             raise KeyboardInterrupt
@@ -168,14 +168,14 @@ def test_what_was_done_survives_an_interruption(scripted: Any, tmp_path: Path):
     assert (tmp_path / "1-check").is_dir()
 
 
-def test_runs_are_counted_on_from_the_recordings_at_hand(scripted: Any, tmp_path: Path):
+def test_runs_are_numbered_after_existing_recordings(scripted: Any, tmp_path: Path):
     """What goes on from an earlier investigation must not run a plan with the noise of the first time."""
     at_hand = [tmp_path / "old" / "1-check", tmp_path / "old" / "2-air_density"]
     done, _ = scripted([SEPARATING, PRECISE], plans=[], at_hand=at_hand)
     assert [path.name for path in done.recordings] == ["3-air_density"]
 
 
-def test_what_averages_would_leave_open_is_explained(scripted: Any, monkeypatch: pytest.MonkeyPatch):
+def test_a_tie_of_averages_is_explained(scripted: Any, monkeypatch: pytest.MonkeyPatch):
     told = [Discrimination("tilt_2n", "the torque of the coils twice a revolution", 1990.0)]
     asked: list[tuple[str, str]] = []
 
@@ -199,7 +199,7 @@ def test_what_averages_would_leave_open_is_explained(scripted: Any, monkeypatch:
     assert len(scripted([PRECISE], averages=True)[0].steps[0].learned) == 1
 
 
-def test_every_verdict_is_told_in_a_sentence_or_two():
+def test_every_verdict_has_one_or_two_sentences():
     for found in (PRECISE, NOTHING, SEPARATING, UNKNOWN, diagnosis("insufficient_data")):
         sentences = learned(found, [])
         assert 1 <= len(sentences) <= 2
@@ -250,7 +250,7 @@ def settle(gyrowheel: Shell, tmp_path: Path, *arguments: object) -> Any:
 @pytest.mark.study  # the next one tells these plans apart, the first ones how a tie is settled
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", ["aero_restoring"])  # the other one is settled on the graph, by a study
-def test_the_papers_own_plans_and_averages_are_ambiguous_and_a_test_settles_it(
+def test_plans_of_the_paper_with_averages_are_ambiguous_until_a_test(
     gyrowheel: Shell, tmp_path: Path, hidden: str
 ):
     """At the exponent of the air the two are the same at every tilt and speed: only a change of the air tells."""
@@ -273,9 +273,7 @@ def test_the_papers_own_plans_and_averages_are_ambiguous_and_a_test_settles_it(
     "hidden",
     [pytest.param(name, marks=pytest.mark.study) for name in ("gimbal_inertia_error", "aero_restoring")],
 )
-def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
-    gyrowheel: Shell, tmp_path: Path, hidden: str
-):
+def test_harmonics_settle_the_plans_of_the_paper_at_once(gyrowheel: Shell, tmp_path: Path, hidden: str):
     write(tmp_path / "key.json", json.dumps(SECRETS[hidden]))
     plans = ["--plan", "paper_tilt", "--plan", "paper_speed"]
     result = settle(gyrowheel, tmp_path, *plans, "--blind", tmp_path / "key.json")
@@ -291,7 +289,7 @@ def test_what_happens_within_a_revolution_settles_the_papers_own_plans_at_once(
 
 
 @pytest.mark.study
-def test_the_papers_tilt_sweep_is_ambiguous_and_a_test_settles_it(gyrowheel: Shell, tmp_path: Path):
+def test_tilt_sweep_of_the_paper_is_ambiguous_until_a_test(gyrowheel: Shell, tmp_path: Path):
     """At one speed a restoring torque acts as a stiffness does, and as an offset of the centre of gravity."""
     hidden = ["--effect", "aero_restoring:k=0.04", "--machine", "5"]
     result = settle(gyrowheel, tmp_path, "--plan", "paper_tilt", "--budget", "6", *hidden)
@@ -306,7 +304,7 @@ def test_the_papers_tilt_sweep_is_ambiguous_and_a_test_settles_it(gyrowheel: She
 
 
 @pytest.mark.study
-def test_recordings_at_hand_are_where_it_begins(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
+def test_existing_recordings_are_diagnosed_first(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     arguments = [wheel.recording, "--effect", "windage:w=0.0013", "--budget", 0]
     result = settle(gyrowheel, tmp_path, *arguments)
     assert result["steps"][0]["plans"] == []
@@ -355,7 +353,7 @@ def test_ctrl_c_keeps_the_recordings(gyrowheel: Shell, tmp_path: Path, monkeypat
     assert (tmp_path / "run" / "1-drag" / "metadata.yaml").exists()
 
 
-def test_the_investigation_knows_nothing_of_the_machine():
+def test_the_procedure_does_not_import_the_machine():
     source = Path(investigation.__file__).read_text(encoding="utf-8")
     for word in ("scenario", "blind", "gyrowheel_sim.plant.machine", "closed_loop"):
         assert word not in source

@@ -88,7 +88,7 @@ def test_nothing_hidden_and_nothing_in_the_model_is_right(
     (inertia,) = result.parameters
     # as stated in the bench file: 1779 +- 8.9
     assert inertia.distance == pytest.approx(13.0 / 8.895, rel=0.01)
-    assert str(result) == "Right: no effect was hidden, and the model has none."
+    assert result.headline() == "Right: no effect was hidden, and the model has none."
     assert "rotor_inertia_z" in result._repr_html_()
     assert list(result.to_columns()["name"]) == ["rotor_inertia_z"]
 

@@ -74,7 +74,7 @@ def test_a_result_replaces_neither_an_input_nor_another_file(gyrowheel: Shell, b
 
 
 @pytest.mark.parametrize("way", ["symbolic", "hard", "relative"])
-def test_an_input_is_known_under_any_name(
+def test_an_input_is_recognised_under_any_path(
     gyrowheel: Shell, bench: Path, way: str, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(bench)
@@ -92,7 +92,7 @@ def test_an_input_is_known_under_any_name(
     assert content(bench) == before
 
 
-def test_a_new_file_does_not_go_into_a_recording(gyrowheel: Shell, bench: Path):
+def test_an_output_within_a_recording_is_refused(gyrowheel: Shell, bench: Path):
     refused(gyrowheel("info", bench / "drag", "--json", bench / "drag/info.json"), "lies in the recording")
     refused(gyrowheel("plans", "--json", bench / "drag/sub/plans.json"), "lies in the recording")
     new = bench / "new"
@@ -133,12 +133,12 @@ def test_a_command_can_be_repeated(gyrowheel: Shell, wheel: Wheel, tmp_path: Pat
     assert json.loads(target.read_text(encoding="utf-8")) == first
 
 
-def test_an_empty_file_may_be_filled(gyrowheel: Shell, tmp_path: Path):
+def test_an_empty_file_is_replaced(gyrowheel: Shell, tmp_path: Path):
     gyrowheel.good("plans", "--json", write(tmp_path / "empty", ""))
     assert (tmp_path / "empty").stat().st_size
 
 
-def test_export_replaces_its_own_tables_alone(gyrowheel: Shell, bench: Path):
+def test_export_replaces_only_its_own_tables(gyrowheel: Shell, bench: Path):
     mine, model = write(bench / "mine.csv", "time,load\n0,1\n"), bench / "wheel.yaml"
     before = content(bench)
     refused(gyrowheel("export", bench / "drag", "-o", mine), "--output", str(mine))
@@ -153,7 +153,7 @@ def test_export_replaces_its_own_tables_alone(gyrowheel: Shell, bench: Path):
     refused(gyrowheel("export", bench / "drag", "-o", same, "--map", same), "is the file of --output, too")
 
 
-def test_a_picture_is_a_png_and_replaces_its_like_alone(gyrowheel: Shell, bench: Path):
+def test_a_picture_is_a_png_and_replaces_only_pictures(gyrowheel: Shell, bench: Path):
     compare = ["compare", bench / "drag", "--model", bench / "wheel.yaml", "--picture"]
     refused(gyrowheel(*compare, bench / "x.txt"), "'.txt'", ".png")
     photo = bench / "photo.png"
@@ -175,7 +175,7 @@ def test_outputs_are_checked_before_the_work(gyrowheel: Shell, bench: Path):
         refused(result, str(beyond.with_suffix("")), "cannot be written")
 
 
-def test_nothing_is_left_of_the_check(gyrowheel: Shell, bench: Path):
+def test_the_check_leaves_no_file(gyrowheel: Shell, bench: Path):
     before = content(bench)
     refused(gyrowheel("info", bench / "none", "--json", bench / "new.json"), "none")
     assert content(bench) == before
@@ -186,13 +186,13 @@ def test_an_empty_name_is_refused(gyrowheel: Shell):
     refused(gyrowheel("plans", "--json="), "--json: ", "empty")
 
 
-def test_an_interruption_before_anything_is_done_writes_and_promises_nothing(
+def test_an_interruption_before_the_first_case_writes_nothing(
     gyrowheel: Shell, bench: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gyrowheel.campaigns.workers.judged_cases", stop)
+    monkeypatch.setattr("gyrowheel.campaigns.api.judged_cases", stop)
     cases = gyrowheel("campaign", "--cases", 1, "--json", bench / "cases.json")
     assert (cases.code, cases.out) == (130, "")
     assert not (bench / "cases.json").exists()
@@ -203,7 +203,7 @@ def test_an_interruption_before_anything_is_done_writes_and_promises_nothing(
     assert "recordings:" not in found.out
 
 
-def test_a_pipe_that_is_called_as_metadata_is_not_waited_for(gyrowheel: Shell, tmp_path: Path):
+def test_a_pipe_named_as_metadata_is_not_opened(gyrowheel: Shell, tmp_path: Path):
     """As anybody may put one into a folder for temporary files."""
     os.mkfifo(tmp_path / "metadata.yaml")
     gyrowheel.good("plans", "--json", tmp_path / "plans.json")

@@ -53,7 +53,7 @@ def test_a_secret_depends_on_its_case_alone_and_instruments_change_nothing_else(
         assert secret.instruments or case.kind == "single"
 
 
-def test_instruments_are_wrong_in_turn_and_within_reach(measure: Yardstick) -> None:
+def test_wrong_instruments_take_turns_within_their_bounds(measure: Yardstick) -> None:
     secrets = [hide(case, measure) for case in cases(replace(CAMPAIGN, kinds=("none",)), 40)]
     seen = {name for secret in secrets for name in secret.instruments}
     assert seen == {name for name, e in registry().items() if e.category == "instrument"}
@@ -70,7 +70,7 @@ def test_instruments_are_wrong_in_turn_and_within_reach(measure: Yardstick) -> N
 
 @pytest.mark.study  # tests/analysis/test_events.py finds and dates events
 @pytest.mark.parametrize("name", events())
-def test_an_event_happens_when_it_should_and_once(name: str, measure: Yardstick, tmp_path: Path) -> None:
+def test_an_event_happens_once_at_its_time(name: str, measure: Yardstick, tmp_path: Path) -> None:
     quiet = {n: 0.0 for n in CAMPAIGN.bench.parameters if n.endswith(("_noise", "_drift"))}
     shape: Any = name.rpartition("_")[2]
     event = HiddenEvent(name, shape, 9.0, 12.0)
@@ -137,17 +137,17 @@ def test_a_wrong_instrument_is_named_tied_or_missed() -> None:
     assert not other.right
 
 
-def test_an_effect_in_place_of_an_instrument_is_an_alarm_unless_it_is_a_tie() -> None:
+def test_an_effect_named_for_an_instrument_is_a_false_alarm_unless_tied() -> None:
     alarm = judged(LATE, effects=[finding("coil_inductance")])
     assert alarm.outcome == "misnamed"
     assert not alarm.right
     honest = judged(LATE, effects=[finding("coil_inductance", tie("coil_voltage_delay"))])
     assert honest.outcome == "tied"
     assert [item.found for item in honest.instruments] == ["tied"]
-    assert Summary.of(1, 2, [alarm, replace(honest, index=1)]).false_alarms.count == 1
+    assert Summary.counted(1, 2, [alarm, replace(honest, index=1)]).false_alarms.count == 1
 
 
-def test_an_effect_beside_a_wrong_instrument_counts_for_itself() -> None:
+def test_an_effect_next_to_a_wrong_instrument_is_judged_alone() -> None:
     secret = replace(
         LATE, truth={"coil_inductance": {"t_L": 3e-4}}, sizes={**LATE.sizes, "coil_inductance": 5.0}
     )
@@ -183,15 +183,15 @@ def test_an_event_must_be_dated(shape: Any, told: list[Told], dated: bool) -> No
     assert case.right is dated
     swallowed = judged(secret, kind="event", events=told, effects=[finding("windage")])
     assert not swallowed.right
-    content = Summary.of(1, 1, [case]).to_json()
+    content = Summary.counted(1, 1, [case]).to_json()
     assert content["event"] == {"n": 1, "detectable": 1, "dated": int(dated), "missed": int(not dated)}
     assert "instrument" not in content
-    page = plain_text(campaign_page(Summary.of(1, 1, [case]), "title"))
+    page = plain_text(campaign_page(Summary.counted(1, 1, [case], "title")))
     assert "dated within 2 s" in page
 
 
-def test_instruments_are_counted() -> None:
+def test_counts_of_instruments() -> None:
     found = judged(LATE, instruments=[Named("coil_voltage_delay"), Named("encoder_zero")])
     small = judged(replace(LATE, sizes={"coil_voltage_delay": 1.0}))
-    content = Summary.of(1, 2, [found, replace(small, index=1)]).to_json()["instrument"]
+    content = Summary.counted(1, 2, [found, replace(small, index=1)]).to_json()["instrument"]
     assert content == {"n": 2, "detectable": 1, "named": 1, "tied": 0, "wrong": 0, "named_falsely": 1}

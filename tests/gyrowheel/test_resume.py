@@ -61,9 +61,7 @@ def campaign(folder: Path | None, **options: Any) -> gw.CampaignResult:
     return gw.campaign(DRAG_PLAN, folder=folder, **settings)
 
 
-def test_a_campaign_killed_at_any_instant_goes_on_where_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_killed_campaign_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     begun = tmp_path / "begun"
     here: list[int] = []  # what this process has begun
 
@@ -106,9 +104,7 @@ def test_a_campaign_killed_at_any_instant_goes_on_where_it_was(
     assert once_more.title == straight.title
 
 
-def test_a_case_that_was_damaged_or_is_of_another_campaign_is_run_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_damaged_and_foreign_cases_are_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(workers, "run_case", made_up)
     straight = campaign(tmp_path / "a", cases=5)
     campaign(tmp_path / "b", cases=5, seed=6)
@@ -139,7 +135,7 @@ def test_a_case_that_was_damaged_or_is_of_another_campaign_is_run_again(
         (["--lost", "0.01"], "lost: 0.01 is not that of the campaign in {}, 0.0"),
         (["--reality"], "reality: true is not that of the campaign in {}, false"),
         (["--plan", "quick"], "plan: is another one than that of the campaign in {}"),
-        (["-o", "other"], "-o: with --resume everything goes on in {}"),
+        (["-o", "other"], "-o: with --resume the folder is {}"),
     ],
 )
 def test_other_settings_are_refused(
@@ -158,7 +154,7 @@ def test_other_settings_are_refused(
     assert "9 cases, 9 of them finished before" in again.err
 
 
-def test_another_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_resume_refuses_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from gyrowheel.simulation import code_identity
 
     monkeypatch.setattr(workers, "run_case", made_up)
@@ -172,7 +168,7 @@ def test_another_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     campaign(tmp_path / "out", resume=True)
 
 
-def test_one_changed_line_is_another_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_one_changed_line_changes_the_code_identity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from gyrowheel.simulation import code_identity
 
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -186,7 +182,7 @@ def test_one_changed_line_is_another_code(tmp_path: Path, monkeypatch: pytest.Mo
     assert code_identity.files_of.__wrapped__("wheel_effects") == before
 
 
-def test_there_must_be_something_to_go_on_with(
+def test_resume_refuses_a_folder_without_a_campaign(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(workers, "run_case", made_up)
@@ -215,7 +211,7 @@ def test_cases_that_another_campaign_kept_are_not_overwritten(
     campaign(None, keep=tmp_path / "kept", only=[1])
 
 
-def test_two_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_two_campaigns_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(workers, "run_case", made_up)
     folder = tmp_path / "out"
 
@@ -227,7 +223,9 @@ def test_two_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.Monke
     assert len(campaign(folder, progress=second).cases) == 12
 
 
-def test_two_that_keep_cases_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_two_campaigns_that_keep_cases_in_one_folder_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(workers, "run_case", made_up)
     kept = tmp_path / "kept"
 
@@ -273,7 +271,7 @@ main()
 
 
 @pytest.mark.slow
-def test_ctrl_c_and_kills_end_the_workers_and_the_printed_command_goes_on(
+def test_ctrl_c_and_kills_end_the_workers_and_the_printed_command_resumes(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     write(tmp_path / "plan.yaml", DRAG_PLAN)

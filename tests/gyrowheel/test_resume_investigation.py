@@ -46,7 +46,7 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("answered")
-def test_an_investigation_killed_at_any_instant_goes_on_where_it_was(tmp_path: Path):
+def test_a_killed_investigation_resumes(tmp_path: Path):
     begun = tmp_path / "begun"
     here: list[int] = []  # what this process has begun
 
@@ -102,7 +102,7 @@ def test_an_investigation_killed_at_any_instant_goes_on_where_it_was(tmp_path: P
 
 
 @pytest.mark.usefixtures("answered")
-def test_an_investigation_goes_on_by_the_command_that_it_prints(
+def test_an_investigation_resumes_by_its_printed_command(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def record(place: Path, *_: Any, **__: Any) -> None:
@@ -150,7 +150,7 @@ def test_an_investigation_goes_on_by_the_command_that_it_prints(
 
 
 @pytest.mark.usefixtures("answered")
-def test_a_hidden_machine_is_the_same_one_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_resume_refuses_another_key_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def record(place: Path, *_: Any, **__: Any) -> None:
         if place.name.startswith("2-"):
             raise KeyboardInterrupt
@@ -173,7 +173,7 @@ def test_a_hidden_machine_is_the_same_one_or_none(tmp_path: Path, monkeypatch: p
     assert go(resume=True).interrupted
 
 
-def test_a_recording_that_was_changed_since_is_not_gone_on_with(tmp_path: Path):
+def test_resume_refuses_a_changed_recording(tmp_path: Path):
     made: list[str] = []
 
     def run(plan: Plan, directory: Path, number: int) -> None:

@@ -16,7 +16,7 @@ from rich.table import Table
 
 import gyrowheel
 from gyrowheel.air_flow.page import mesh_page, result_page, sweep_page, table_page
-from gyrowheel.blind_tests.truth import truth_table
+from gyrowheel.blind_tests.page import truth_table
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel.campaigns.page import campaign_page
 from gyrowheel.campaigns.summary import Summary
@@ -61,7 +61,7 @@ def judged(index: int, kind: str, outcome: Any, named: list[str]) -> Judged:
     )
 
 
-CAMPAIGN = Summary.of(
+CAMPAIGN = Summary.counted(
     1,
     400,
     [
@@ -102,7 +102,7 @@ PAGES: dict[str, Page] = {
     ),
     "diagnose": lambda: [part for found in (TWO, AMBIGUOUS, UNKNOWN) for part in diagnosis_page(found)],
     "investigate": lambda: INVESTIGATION.page(),
-    "campaign": lambda: campaign_page(CAMPAIGN, "campaign"),
+    "campaign": lambda: campaign_page(CAMPAIGN),
     "cfd mesh": lambda: mesh_page(torque_table().rows[0].case, MESH, "out/mesh"),
     "cfd run": lambda: result_page(torque_table().rows[3], "out/case"),
     "cfd sweep": lambda: sweep_page(SimpleNamespace(results=[1], reused=0, failed={}), "out"),  # type: ignore[arg-type]

@@ -13,8 +13,8 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.workbench import pictures
-from gyrowheel.workbench.library import Shelf
-from gyrowheel.workbench.session import Desk
+from gyrowheel.workbench.library import Library
+from gyrowheel.workbench.session import Session
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
@@ -134,20 +134,20 @@ def test_a_workbench_shows_a_recording_without_the_voltages_of_the_coils(
     readings = run.data.readings.array.copy()
     readings[:, [place(name) for name in COILS]] = np.nan
     written(run, tmp_path / "less", readings)
-    desk = Desk(Shelf([tmp_path]), gw.Model())
+    session = Session(Library([tmp_path]), gw.Model())
     try:
-        desk.open("0/less", "fitted")
-        desk.wait(240.0)
-        desk.compare()
-        desk.wait(240.0)
-        assert desk.trouble is None
-        found = pictures.found(desk)
+        session.open("0/less", "fitted")
+        session.wait(240.0)
+        session.compare()
+        session.wait(240.0)
+        assert session.trouble is None
+        found = pictures.found(session)
         assert found["windows"]["of_coils"] is False
         assert "spin" in found["windows"]["chi2"]
         assert "tilt" not in found["windows"]["chi2"]
         assert json_text(found)
     finally:
-        desk.shut()
+        session.shut()
 
 
 def test_a_recording_of_a_few_samples_a_second_is_refused(run: gw.Recording) -> None:

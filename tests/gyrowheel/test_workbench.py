@@ -24,12 +24,12 @@ from gyrowheel.recordings.provenance import note_machine
 from gyrowheel.simulation.api import record_simulation
 from gyrowheel.workbench import pictures, tables, views
 from gyrowheel.workbench import server as workbench_server
-from gyrowheel.workbench.bench import SimulatedBench
+from gyrowheel.workbench.benches import SimulatedBench
 from gyrowheel.workbench.decimation import Envelope, envelopes
-from gyrowheel.workbench.library import Shelf
-from gyrowheel.workbench.report import before
+from gyrowheel.workbench.library import Library, Opened
 from gyrowheel.workbench.server import Access, Server
-from gyrowheel.workbench.session import Desk, Opened
+from gyrowheel.workbench.session import Session
+from gyrowheel.workbench.steps import before
 from gyrowheel_analysis.reduction import Coverage
 from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
 from gyrowheel_control.plans.plan import Plan
@@ -48,25 +48,25 @@ from .lab_tables import lab_table
 @pytest.fixture
 def server(wheel: Wheel) -> Iterator[Server]:
     with Server(
-        Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model), port=0
+        Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model), port=0
     ) as own:
         yield own
 
 
 @pytest.fixture(scope="module")
-def compared(wheel: Wheel) -> Iterator[Desk]:
-    """Return a desk with a recording compared and its holds predicted, and nothing diagnosed."""
-    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
-    desk.open("0/drag", "fitted")
-    desk.wait(240.0)
-    desk.compare()
-    desk.wait(240.0)
-    assert desk.trouble is None
-    yield desk
-    desk.shut()
+def compared(wheel: Wheel) -> Iterator[Session]:
+    """Return a session with a recording compared and its holds predicted, and nothing diagnosed."""
+    session = Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
+    session.open("0/drag", "fitted")
+    session.wait(240.0)
+    session.compare()
+    session.wait(240.0)
+    assert session.trouble is None
+    yield session
+    session.shut()
 
 
-def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
+def test_decimation_keeps_spikes_and_short_signals() -> None:
     rng = np.random.default_rng(1)
     values = rng.normal(size=300_001)
     values[[0, 123_456, 300_000]] = 50.0, -60.0, np.nan
@@ -83,7 +83,7 @@ def test_no_spike_is_lost_and_few_samples_are_all_shown() -> None:
     assert np.array_equal(places, np.arange(5, 105))
 
 
-def test_signals_of_all_columns_are_those_of_each() -> None:
+def test_envelopes_of_all_columns_agree_with_single_ones() -> None:
     """Also of more rows than one block has, and the last block cut."""
     rng = np.random.default_rng(2)
     rows = np.zeros(100_001, [("stamp_ns", "i8"), ("a", "f8"), ("b", "f8"), ("undrawn", "f8")])
@@ -101,7 +101,7 @@ def test_signals_of_all_columns_are_those_of_each() -> None:
     assert envelopes(rows[:0], {"a"})["a"].cut(0, 0, 100)[1].size == 0
 
 
-def test_places_between_samples_have_times_between() -> None:
+def test_times_of_positions_between_samples() -> None:
     times = np.cumsum(np.random.default_rng(3).random(50))
     places = np.array([0.0, 0.5, 7.25, 48.5, 49.0, 49.5])
     np.testing.assert_allclose(
@@ -113,13 +113,13 @@ def test_only_recordings_of_the_chosen_folders_can_be_named(wheel: Wheel, tmp_pa
     folder = tmp_path / "chosen"
     shutil.copytree(wheel.recording, folder / "deep" / "drag")
     (folder / "link").symlink_to(wheel.other)
-    shelf = Shelf([folder])
-    assert [entry.key for entry in shelf.entries()] == ["0/deep/drag"]
+    library = Library([folder])
+    assert [entry.key for entry in library.entries()] == ["0/deep/drag"]
     for key in ("0/../drag", str(wheel.other), "0/link", "0/deep/drag/../drag", "1/deep/drag", ""):
         with pytest.raises(gw.InputError, match="not in the chosen folders"):
-            shelf.find(key)
+            library.find(key)
     with pytest.raises(gw.InputError, match="no such folder"):
-        Shelf([tmp_path / "none"])
+        Library([tmp_path / "none"])
 
 
 def noted(folder: Path, when: float) -> None:
@@ -129,13 +129,13 @@ def noted(folder: Path, when: float) -> None:
     os.utime(write(folder / "metadata.yaml", text), (when, when))
 
 
-def test_the_latest_recordings_are_listed_and_how_many_are_not(
+def test_the_latest_recordings_are_listed_and_the_others_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for k in range(4):
         noted(tmp_path / f"day{k}" / "run", 1000.0 + k)
     monkeypatch.setattr(views, "MOST_LISTED", 2)
-    part = views.state(Desk(Shelf([tmp_path]), gw.Model()))["parts"]["recordings"]
+    part = views.state(Session(Library([tmp_path]), gw.Model()))["parts"]["recordings"]
     places = [part.find(f"in day{k}, ") for k in range(4)]  # folders of one name are told apart
     assert places[:2] == [-1, -1]
     assert -1 < places[3] < places[2]
@@ -143,19 +143,19 @@ def test_the_latest_recordings_are_listed_and_how_many_are_not(
     assert "2 older ones are not listed" in part
 
 
-def test_a_name_that_is_no_text_ends_neither_the_page_nor_the_opening(wheel: Wheel, tmp_path: Path) -> None:
+def test_a_recording_with_invalid_bytes_in_its_name_opens(wheel: Wheel, tmp_path: Path) -> None:
     shutil.copytree(wheel.recording, os.fsdecode(os.fsencode(tmp_path) + b"/Me\xdf"))
-    with Server(Desk(Shelf([tmp_path]), gw.Model()), port=0) as server:
+    with Server(Session(Library([tmp_path]), gw.Model()), port=0) as server:
         assert "<b>Me\\xdf</b>" in json.loads(ask(server, "/state")[1])["parts"]["recordings"]
         assert ask(server, "/do/open", {"key": "0/Me\\xdf", "role": "fitted"})[0] == 200
-        server.desk.wait(240.0)
-        assert server.desk.trouble is None
+        server.session.wait(240.0)
+        assert server.session.trouble is None
         status, body = ask(server, "/state")
         assert status == 200
         assert [own["key"] for own in json.loads(body)["signals"]] == ["0/Me\\xdf"]
 
 
-def test_a_long_name_of_a_table_fits_the_disk_in_any_script() -> None:
+def test_long_names_of_tables_are_shortened() -> None:
     name = tables.file_name("測" * 200 + ".csv")
     assert name.startswith("測")
     assert name.endswith(".csv")
@@ -190,7 +190,7 @@ def test_pages_of_other_sites_are_refused(server: Server, headers: dict[str, str
         ("127.0.0.1", 80, "127.0.0.1"),
     ],
 )
-def test_a_server_is_called_as_browsers_write_its_address(address: str, port: int, host: str) -> None:
+def test_host_names_of_the_server(address: str, port: int, host: str) -> None:
     own = Access.of(address, port)
     assert own.refusal(HTTPHeaders({"Host": host, "Origin": f"http://{host}"})) == ""
     assert own.refusal(HTTPHeaders({"Host": "bench.example:8080"})) != ""
@@ -203,7 +203,7 @@ def test_a_token_is_required_unless_the_address_is_loopback(
     loopback: bool, wheel: Wheel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workbench_server, "is_loopback", lambda address: loopback)
-    with Server(Desk(Shelf([wheel.recording]), gw.Model()), port=0, token=loopback) as server:
+    with Server(Session(Library([wheel.recording]), gw.Model()), port=0, token=loopback) as server:
         token = server.access.token
         assert len(token) > 20
         for path, content in (("/", None), ("/state", None), ("/signal?key=0/.", None), ("/do/undo", {})):
@@ -213,7 +213,7 @@ def test_a_token_is_required_unless_the_address_is_loopback(
         assert token not in server.url
     for address in ("0.0.0.0", "0", ""):  # however it is written
         with pytest.raises(gw.InputError, match="name one of this computer"):
-            Server(Desk(Shelf([wheel.recording]), gw.Model()), address, 0)
+            Server(Session(Library([wheel.recording]), gw.Model()), address, 0)
 
 
 @pytest.mark.parametrize(
@@ -236,7 +236,7 @@ def test_a_token_is_required_unless_the_address_is_loopback(
     ],
     ids=lambda value: str(value)[:30],
 )
-def test_what_cannot_be_is_refused_in_a_sentence(
+def test_bad_requests_are_refused_in_a_sentence(
     server: Server, action: str, content: Any, words: str
 ) -> None:
     status, body = ask(server, f"/do/{action}", content)
@@ -244,7 +244,7 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     sentence = json.loads(body)["error"]
     assert words in sentence
     assert 10 < len(sentence) < 1000
-    assert server.desk.version == 0
+    assert server.session.version == 0
 
 
 @pytest.mark.parametrize(
@@ -257,19 +257,19 @@ def test_what_cannot_be_is_refused_in_a_sentence(
     ],
     ids=lambda text: text[:20],
 )
-def test_a_formula_that_cannot_be_is_refused_before_it_is_added(server: Server, text: str) -> None:
+def test_a_bad_formula_is_refused_before_it_is_added(server: Server, text: str) -> None:
     ask(server, "/do/open", {"key": "0/drag", "role": "fitted"})
-    server.desk.wait(240.0)
+    server.session.wait(240.0)
     status, body = ask(server, "/do/formula", {"text": text})
     assert status == 200
     assert set(json.loads(body)) == {"refused"}
     status, body = ask(server, "/do/add_formula", {"text": text})
     assert status == 422
     assert 10 < len(json.loads(body)["error"]) < 1000
-    assert server.desk.job is None
+    assert server.session.job is None
 
 
-def test_what_is_too_large_or_of_another_kind_is_refused(server: Server) -> None:
+def test_large_requests_and_other_content_types_are_refused(server: Server) -> None:
     for path, kind in (("/do/open", "application/json"), ("/table?name=a.csv", "application/octet-stream")):
         connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=240.0)
         connection.putrequest("POST", path)
@@ -287,10 +287,10 @@ def test_what_is_too_large_or_of_another_kind_is_refused(server: Server) -> None
         assert ask(server, path, {} if path.startswith("/do") else None)[0] == 404
 
 
-def test_signals_come_as_they_were_recorded(server: Server, wheel: Wheel) -> None:
+def test_signals_are_sent_unchanged(server: Server, wheel: Wheel) -> None:
     assert ask(server, "/signal?key=0/drag&from=0&until=1&points=100")[0] == 422  # not open
     ask(server, "/do/open", {"key": "0/drag", "role": "fitted"})
-    server.desk.wait(240.0)
+    server.session.wait(240.0)
     samples = gw.Recording.open(wheel.recording).measurement
     status, body = ask(server, "/signal?key=0/drag&from=2&until=2.01&points=1000")
     assert status == 200
@@ -306,7 +306,7 @@ def test_signals_come_as_they_were_recorded(server: Server, wheel: Wheel) -> Non
         assert ask(server, f"/signal?key=0/drag&{query}&points=9")[0] == 422
 
 
-def test_a_cell_of_the_map_has_its_windows_and_what_is_said_of_them(compared: Desk) -> None:
+def test_windows_and_sentences_of_a_cell_of_the_map(compared: Session) -> None:
     found = pictures.found(compared)
     comparison = compared.step.comparison
     assert comparison is not None
@@ -325,7 +325,7 @@ def test_a_cell_of_the_map_has_its_windows_and_what_is_said_of_them(compared: De
         pictures.region(compared, [len(data.windows)])
 
 
-def test_holds_are_those_of_the_papers_analysis(compared: Desk, wheel: Wheel) -> None:
+def test_holds_agree_with_the_drag_comparison(compared: Session, wheel: Wheel) -> None:
     own = pictures.holds(compared)["0/drag"]
     (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds
     constant = gw.Model.load(wheel.model).bench.value("coil_constant")
@@ -340,7 +340,7 @@ def test_holds_are_those_of_the_papers_analysis(compared: Desk, wheel: Wheel) ->
         assert 0.0 <= own["start"][k] < own["end"][k] <= compared.opened["0/drag"].recording.duration
 
 
-def test_states_of_the_rotor_are_means_of_the_samples(compared: Desk) -> None:
+def test_states_of_the_rotor_are_means_of_the_samples(compared: Session) -> None:
     samples, time = (getattr(compared.opened["0/drag"].recording, name) for name in ("measurement", "time"))
     states = pictures.motion(compared, "0/drag", 1.0, 2.0)
     assert len(states["time"]) == 30
@@ -349,27 +349,27 @@ def test_states_of_the_rotor_are_means_of_the_samples(compared: Desk) -> None:
     assert all(1.0 <= t <= 2.0 for t in states["time"])
 
 
-def test_a_test_runs_on_the_machine_of_the_recordings_and_is_joined(
+def test_a_test_runs_on_the_machine_of_the_recordings_and_is_opened(
     wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(wheel.recording, tmp_path / "drag")
-    desk = Desk(Shelf([tmp_path / "drag"]), gw.Model.load(wheel.model))
-    desk.open("0/.", "fitted")
-    desk.wait(240.0)
+    session = Session(Library([tmp_path / "drag"]), gw.Model.load(wheel.model))
+    session.open("0/.", "fitted")
+    session.wait(240.0)
     plan = "check@hold_s=0.5"
     with pytest.raises(gw.InputError, match="not what the diagnosis asks for"):
-        desk.test(plan)
+        session.test(plan)
     diagnosed: list[int] = []
-    monkeypatch.setattr(desk, "tests", lambda: [plan])
-    monkeypatch.setattr(desk, "_diagnose", lambda at: diagnosed.append(len(desk.used("fitted"))))
+    monkeypatch.setattr(session, "tests", lambda: [plan])
+    monkeypatch.setattr(session, "_diagnose", lambda at: diagnosed.append(len(session.used("fitted"))))
     with pytest.raises(gw.InputError, match="not of a simulated bench"):
-        desk.test(plan)
-    note_machine(desk.used("fitted")[0], ["--effect", "windage", "--machine", "3", "--seed", "5"])
-    desk.test(plan)
-    desk.wait(240.0)
-    assert desk.trouble is None
+        session.test(plan)
+    note_machine(session.used("fitted")[0], ["--effect", "windage", "--machine", "3", "--seed", "5"])
+    session.test(plan)
+    session.wait(240.0)
+    assert session.trouble is None
     assert diagnosed == [2]  # after it was joined
-    made = desk.opened["1/."].recording
+    made = session.opened["1/."].recording
     assert made.path == tmp_path / "check-hold-s-0-5-1"
     bench = SimulatedBench.of([made])
     assert bench == SimulatedBench(effect=("windage",), machine=3, seed=5)
@@ -381,21 +381,21 @@ def test_a_test_runs_on_the_machine_of_the_recordings_and_is_joined(
         return record(*arguments)
 
     monkeypatch.setattr(SimulatedBench, "record", later)
-    desk.test(plan)
-    desk.end()
-    assert desk.job is None
+    session.test(plan)
+    session.end()
+    assert session.job is None
     ended.set()
-    desk.wait(240.0)
+    session.wait(240.0)
     assert not (tmp_path / "check-hold-s-0-5-2").exists()
-    assert len(desk.opened) == 2
+    assert len(session.opened) == 2
 
 
 def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_path: Path) -> None:
     shutil.copytree(wheel.recording, tmp_path / "drag")
     samples = gw.Recording.open(wheel.recording).measurement[:20_000]
     table = lab_table(tmp_path / "lab 3.csv", samples)
-    with Server(Desk(Shelf([tmp_path]), gw.Model.load(wheel.model)), port=0) as server:
-        desk = server.desk
+    with Server(Session(Library([tmp_path]), gw.Model.load(wheel.model)), port=0) as server:
+        session = server.session
 
         def send(body: bytes, name: str, **headers: str) -> tuple[int, bytes]:
             connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=240.0)
@@ -409,13 +409,13 @@ def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_p
         assert send(b"x", "..")[0] == 422
         assert ask(server, "/do/map_table", {})[0] == 422  # there is none
         assert send(b"no table", "../../a.csv")[0] == 200
-        desk.wait(240.0)
-        assert desk.trouble is not None
-        assert desk.trouble.place == "table"
-        assert "gyrowheel-" not in desk.trouble.sentence  # where it is kept is nobody's business
+        session.wait(240.0)
+        assert session.trouble is not None
+        assert session.trouble.place == "table"
+        assert "gyrowheel-" not in session.trouble.sentence  # where it is kept is nobody's business
         assert send(table.read_bytes(), table.name)[0] == 200
-        desk.wait(240.0)
-        assert desk.trouble is None
+        session.wait(240.0)
+        assert session.trouble is None
         part = json.loads(ask(server, "/state")[1])["parts"]["table"]
         assert "tilt_y" in part
         assert "To be answered" in part
@@ -425,20 +425,22 @@ def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_p
         assert status == 422
         assert "scale: 'one' is no number" in json.loads(body)["error"]
         column = (
-            next(row["column"] for row in desk.table.rows() if row["field"] == "tilt_y") if desk.table else ""
+            next(row["column"] for row in session.table.rows() if row["field"] == "tilt_y")
+            if session.table
+            else ""
         )
         given = {"tilt_y.column": column, "tilt_y.unit": "deg", "tilt_y.scale": ""}
         ask(server, "/do/map_table", given)
-        desk.wait(240.0)
-        assert desk.trouble is None
-        assert desk.table is not None
-        assert desk.table.questions == ()
+        session.wait(240.0)
+        assert session.trouble is None
+        assert session.table is not None
+        assert session.table.questions == ()
         assert ask(server, "/preview.png")[1].startswith(b"\x89PNG")
         ask(server, "/do/map_table", given | {"take": "1"})
-        desk.wait(240.0)
-        assert desk.trouble is None
-        assert desk.table is None
-        (own,) = desk.opened.values()
+        session.wait(240.0)
+        assert session.trouble is None
+        assert session.table is None
+        (own,) = session.opened.values()
         assert own.recording.path == tmp_path / "lab-3-1"
         assert own.role == "fitted"
         assert np.allclose(own.recording.measurement["tilt_y"], samples["tilt_y"][::2], atol=1e-6)
@@ -447,51 +449,51 @@ def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_p
 def test_a_model_is_saved_again_under_its_new_name_and_over_no_other(wheel: Wheel, tmp_path: Path) -> None:
     file = write(tmp_path / "wheel.yaml", wheel.model.read_text(encoding="utf-8"))
     other = write(tmp_path / "other.yaml", "mine")
-    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(file), file)
+    session = Session(Library([wheel.recording.parent]), gw.Model.load(file), file)
 
     def part() -> str:
-        return str(views.state(desk)["parts"]["model"])
+        return str(views.state(session)["parts"]["model"])
 
-    def needed(own: Desk) -> list[str]:
+    def needed(own: Session) -> list[str]:
         return before(own.step.model, own.kept, own.file)
 
     assert "not saved yet" not in part()
-    assert needed(desk) == []
-    desk.steps.append(replace(desk.step, model=gw.Model()))
+    assert needed(session) == []
+    session.steps.append(replace(session.step, model=gw.Model()))
     assert "not saved yet" in part()
-    (line,) = needed(desk)  # the commands of a report do not find this model
+    (line,) = needed(session)  # the commands of a report do not find this model
     assert line.startswith("# first save the model")
     for _ in range(2):
-        assert desk.save("better.yaml") == tmp_path / "better.yaml"
+        assert session.save("better.yaml") == tmp_path / "better.yaml"
     assert 'value="better.yaml"' in part()
     assert "not saved yet" not in part()
-    assert needed(desk) == []
+    assert needed(session) == []
     with pytest.raises(gw.InputError, match="exists"):
-        desk.save("other.yaml")
+        session.save("other.yaml")
     assert other.read_text(encoding="utf-8") == "mine"
-    fresh = Desk(Shelf([wheel.recording.parent]), gw.Model())
+    fresh = Session(Library([wheel.recording.parent]), gw.Model())
     assert needed(fresh) == ["gyrowheel model new --model wheel.yaml"]
 
 
 def test_too_little_steady_motion_is_a_verdict_and_no_error(tmp_path: Path) -> None:
     record_simulation(tmp_path / "short", Bench.load(), Scenario.nominal(), Plan.load(SHORT_PLAN))
-    desk = Desk(Shelf([tmp_path]), gw.Model())
-    desk.open("0/short", "fitted")
-    desk.wait(240.0)
-    desk.diagnose()
-    desk.wait(240.0)
-    assert desk.trouble is None
-    part = views.state(desk)["parts"]["missing"]
+    session = Session(Library([tmp_path]), gw.Model())
+    session.open("0/short", "fitted")
+    session.wait(240.0)
+    session.diagnose()
+    session.wait(240.0)
+    assert session.trouble is None
+    part = views.state(session)["parts"]["missing"]
     assert 'data-verdict="insufficient_data"' in part
     assert "steady motion" in part
 
 
-def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
-    desk = Desk(Shelf([wheel.recording.parent]), gw.Model())
+def test_the_page_shows_every_part_of_a_diagnosis(wheel: Wheel) -> None:
+    session = Session(Library([wheel.recording.parent]), gw.Model())
 
     def part(details: Any) -> str:
-        desk.steps = [replace(desk.step, diagnosis=Diagnosis.of(details))]
-        return str(views.state(desk)["parts"]["missing"])
+        session.steps = [replace(session.step, diagnosis=Diagnosis.of(details))]
+        return str(views.state(session)["parts"]["missing"])
 
     nothing: dict[str, Any] = {"error": None, "nuisance": {}, "limits": (), "where": ()}
     wrong = WrongSetup("sign", ("tilt_y",), Fix(scale={"tilt_y": -1.0}), recording="runs/mine")
@@ -508,7 +510,7 @@ def test_all_that_a_diagnosis_says_stands_on_the_page(wheel: Wheel) -> None:
     assert "30 of 40 s of steady motion take part" in shown
     assert "/help/effect/aero_cross" in shown
     assert "/help/effect/stiffness_error" not in shown  # there is no such page
-    assert ">Fit anew aero_cross<" in shown
+    assert ">Fit again aero_cross<" in shown
     assert ">Add stiffness_error<" in shown
     (form,) = UNKNOWN.free_form
     shown = part(replace(UNKNOWN, free_form=(replace(form, name="form", simple="rotor_torque = a*z^2"),)))
@@ -527,7 +529,7 @@ def test_script_in_the_titles_of_a_model_is_text(wheel: Wheel, tmp_path: Path) -
         }
     }
     file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
-    with Server(Desk(Shelf([tmp_path]), gw.Model.load(file), file), port=0) as server:
+    with Server(Session(Library([tmp_path]), gw.Model.load(file), file), port=0) as server:
         for text in (
             json.loads(ask(server, "/state")[1])["parts"]["model"],
             ask(server, "/help/effect/mine")[1].decode(),
@@ -550,16 +552,16 @@ def test_help_explains_and_every_effect_has_a_page(server: Server) -> None:
 
 
 def test_an_empty_workbench_offers_the_demonstration(tmp_path: Path) -> None:
-    with Server(Desk(Shelf([tmp_path]), gw.Model()), port=0) as server:
+    with Server(Session(Library([tmp_path]), gw.Model()), port=0) as server:
         parts = json.loads(ask(server, "/state")[1])["parts"]
     assert 'data-do="demonstrate"' in parts["recordings"]
     assert 'aria-current="step"' in parts["tour"]
 
 
-def test_work_can_be_ended(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    desk = server.desk
+def test_a_job_can_be_ended(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = server.session
     ask(server, "/do/open", {"key": "0/drag", "role": "fitted"})
-    desk.wait(240.0)
+    session.wait(240.0)
     ended = threading.Event()
 
     def compare(*arguments: Any, **options: Any) -> Any:
@@ -571,17 +573,17 @@ def test_work_can_be_ended(server: Server, monkeypatch: pytest.MonkeyPatch) -> N
     assert ask(server, "/do/add", {"what": "windage"})[0] == 422  # one thing at a time
     ask(server, "/do/end", {})
     ended.set()
-    desk.wait(240.0)
-    assert desk.job is None
-    assert desk.trouble is not None
-    assert desk.trouble.sentence == "ended"
-    assert desk.step.diagnosis is None
+    session.wait(240.0)
+    assert session.job is None
+    assert session.trouble is not None
+    assert session.trouble.sentence == "ended"
+    assert session.step.diagnosis is None
 
 
-def test_signals_stand_before_it_is_summed_up_what_a_recording_holds(
+def test_signals_appear_before_the_summary_of_a_recording(
     wheel: Wheel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    desk = Desk(Shelf([wheel.recording.parent]), gw.Model())
+    session = Session(Library([wheel.recording.parent]), gw.Model())
     drawn, ended = threading.Event(), threading.Event()
     describe = Opened.with_description
 
@@ -591,20 +593,20 @@ def test_signals_stand_before_it_is_summed_up_what_a_recording_holds(
         return describe(own)
 
     monkeypatch.setattr(Opened, "with_description", slowly)
-    desk.open("0/drag", "fitted")
+    session.open("0/drag", "fitted")
     assert drawn.wait(240.0)
-    assert [each["key"] for each in views.state(desk)["signals"]] == ["0/drag"]
-    assert "holds" not in views.state(desk)["parts"]["recordings"]
-    desk.end()
+    assert [each["key"] for each in views.state(session)["signals"]] == ["0/drag"]
+    assert "holds" not in views.state(session)["parts"]["recordings"]
+    session.end()
     ended.set()
-    desk.wait(240.0)
-    assert "holds" not in views.state(desk)["parts"]["recordings"]
-    desk.open("0/drag", "not used to fit")  # asked for again, it is summed up
-    desk.wait(240.0)
-    assert "holds" in views.state(desk)["parts"]["recordings"]
+    session.wait(240.0)
+    assert "holds" not in views.state(session)["parts"]["recordings"]
+    session.open("0/drag", "not used to fit")  # asked for again, it is summed up
+    session.wait(240.0)
+    assert "holds" in views.state(session)["parts"]["recordings"]
 
 
-def test_the_verb_refuses_what_cannot_be(gyrowheel: Shell, tmp_path: Path, server: Server) -> None:
+def test_the_verb_refuses_bad_input(gyrowheel: Shell, tmp_path: Path, server: Server) -> None:
     for arguments, words in (
         ([tmp_path / "none"], "no such folder"),
         ([tmp_path, "--model", tmp_path / "m.yaml"], "m.yaml"),

@@ -12,12 +12,11 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.campaigns.report import campaign_page
-from gyrowheel.campaigns.result import CampaignResult
+from gyrowheel.campaigns.report import campaign_report
 from gyrowheel.campaigns.summary import Summary
-from gyrowheel.workbench.library import Shelf
+from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
-from gyrowheel.workbench.session import Desk
+from gyrowheel.workbench.session import Session
 
 from .browser import needs_browser, opened_browser, press, serious_faults
 from .conftest import Wheel
@@ -30,19 +29,19 @@ EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
 @pytest.mark.slow
 @needs_browser
-def test_no_page_has_a_serious_fault_of_accessibility(wheel: Wheel, tmp_path: Path) -> None:
+def test_pages_have_no_serious_accessibility_violation(wheel: Wheel, tmp_path: Path) -> None:
     cases = [judged_case(k, validation=1.0) for k in range(3)]
     cases += [judged_case(3, outcome="misnamed", named=["flexure_hysteresis"]), judged_case(4, "none")]
     (tmp_path / "none").mkdir()
     gw.paper(tmp_path / "paper", only=["fig-7", "fig-8-growth"])
     campaign = write(
         tmp_path / "campaign.html",
-        campaign_page(CampaignResult(Summary.of(5, 9, cases), "5 blind cases"), "gyrowheel campaign"),
+        campaign_report(Summary.counted(5, 9, cases, "5 blind cases"), "gyrowheel campaign"),
     )
-    empty = Desk(Shelf([tmp_path / "none"]), gw.Model())
+    empty = Session(Library([tmp_path / "none"]), gw.Model())
     with (
         Server(empty, port=0) as server,
-        Server(Desk(Shelf([wheel.recording]), gw.Model()), port=0, token=True) as guarded,
+        Server(Session(Library([wheel.recording]), gw.Model()), port=0, token=True) as guarded,
         opened_browser() as browser,
     ):
         page = browser.new_page()
@@ -62,7 +61,7 @@ def test_no_page_has_a_serious_fault_of_accessibility(wheel: Wheel, tmp_path: Pa
 
 @pytest.mark.slow
 @needs_browser
-def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
+def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
     from playwright.sync_api import expect
 
     shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
@@ -70,10 +69,10 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
     content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
     content["history"] = [{"time": "2026-01-01T00:00:00+00:00", "what": EVIL, "fit": [EVIL]}]
     file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
-    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(file), file)
+    session = Session(Library([tmp_path / "runs"]), gw.Model.load(file), file)
     said: list[str] = []
     asked: list[str] = []
-    with Server(desk, port=0) as server, opened_browser() as browser:
+    with Server(session, port=0) as server, opened_browser() as browser:
         window = browser.new_context(viewport={"width": 1400, "height": 1000})
 
         def page() -> Any:
@@ -89,16 +88,16 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         first, second = page(), page()
         expect.set_options(timeout=240_000)
 
-        def shelf(name: str) -> Any:
+        def library(name: str) -> Any:
             return first.locator("#part-recordings li").filter(has=first.locator("b", has_text=name))
 
         def enabled(target: Any) -> Any:
             expect(target).to_be_enabled()
             return target
 
-        press(shelf("drag").get_by_role("button", name="fit"))
+        press(library("drag").get_by_role("button", name="fit"))
         expect(first.locator("#tabs button")).to_have_count(1)
-        press(enabled(shelf("other").get_by_role("button", name="only predict")))
+        press(enabled(library("other").get_by_role("button", name="only predict")))
         expect(first.locator("#tabs button")).to_have_count(2)
         expect(second.locator("#tabs button")).to_have_count(2)  # two pages agree
         # signals: all of it, then every sample
@@ -149,8 +148,8 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
                     first.screenshot(path=tmp_path / "shots" / f"{theme}-{width}.png", full_page=True)
         press(enabled(first.get_by_role("button", name="Write the report")))
         expect(first.get_by_role("link", name="Open the report")).to_be_visible()
-        assert desk.report is not None
-        kept = write(tmp_path / "report.html", desk.report)
+        assert session.report is not None
+        kept = write(tmp_path / "report.html", session.report)
         third = window.new_page()
         third.set_default_timeout(240_000)
         third.on("dialog", lambda dialog: said.append("a script ran"))
@@ -188,7 +187,7 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         row = first.locator("#part-error tr.total td.figure")
         before, after = (float(row.nth(k).inner_text()) for k in (3, 4))
         assert after < 1.3**2 < before
-        added = desk.step.model.added
+        added = session.step.model.added
         assert added is not None
         assert added.error.validation_after is not None
         assert after == pytest.approx(added.error.validation_after.chi2_per_n, rel=5e-3)
@@ -205,7 +204,7 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
         expect(first.locator("#part-model .card")).to_have_count(0)
         expect(second.locator("#part-model .card")).to_have_count(0)
         expect(second.locator("#part-model")).to_contain_text(EVIL)  # as text
-        assert desk.step.model.effects == {}
+        assert session.step.model.effects == {}
         # a table: what it seems to hold is shown, and a wrong unit of it is corrected
         samples = gw.Recording.open(wheel.recording).measurement[:8000]
         first.locator("#table-file").set_input_files(lab_table(tmp_path / "lab.csv", samples))
@@ -223,11 +222,11 @@ def test_see_add_watch_undo_in_a_browser_by_keyboard(wheel: Wheel, tmp_path: Pat
 
 @pytest.mark.slow
 @needs_browser
-def test_a_page_goes_on_when_its_server_is_back_and_asks_for_its_token(wheel: Wheel) -> None:
+def test_a_page_reconnects_and_asks_for_the_token(wheel: Wheel) -> None:
     from playwright.sync_api import expect
 
     def serving(port: int = 0, *, token: bool = False) -> Server:
-        return Server(Desk(Shelf([wheel.recording.parent]), gw.Model()), port=port, token=token)
+        return Server(Session(Library([wheel.recording.parent]), gw.Model()), port=port, token=token)
 
     formula = "mine: torque = -k*Omega*z"
     expect.set_options(timeout=240_000)
@@ -258,9 +257,7 @@ def test_a_page_goes_on_when_its_server_is_back_and_asks_for_its_token(wheel: Wh
 
 @pytest.mark.slow
 @needs_browser
-def test_what_is_told_all_along_takes_neither_the_focus_nor_what_is_typed(
-    wheel: Wheel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_progress_takes_neither_focus_nor_typed_text(wheel: Wheel, monkeypatch: pytest.MonkeyPatch) -> None:
     from playwright.sync_api import expect
 
     ended = threading.Event()
@@ -273,7 +270,7 @@ def test_what_is_told_all_along_takes_neither_the_focus_nor_what_is_typed(
     monkeypatch.setattr("gyrowheel.workbench.session.compare", compare)
     expect.set_options(timeout=240_000)
     with (
-        Server(Desk(Shelf([wheel.recording.parent]), gw.Model()), port=0) as server,
+        Server(Session(Library([wheel.recording.parent]), gw.Model()), port=0) as server,
         opened_browser() as browser,
     ):
         try:

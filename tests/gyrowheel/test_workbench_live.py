@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.workbench.library import Shelf
-from gyrowheel.workbench.live import LiveBenches
+from gyrowheel.workbench.benches import LiveBenches
+from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
-from gyrowheel.workbench.session import Desk
+from gyrowheel.workbench.session import Session
 from gyrowheel_core import topics, wire
 
 from ..domains import next_domain
@@ -30,16 +30,16 @@ def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
 
     (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds
     domain = next_domain()
-    desk = Desk(Shelf([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
-    desk.live = LiveBenches(desk.hear, domain)
+    session = Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
+    session.live = LiveBenches(session.changed, domain)
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     bench = rclpy.create_node("bench", context=context)
     try:
-        with Server(desk, port=0) as server, desk.live as live:
+        with Server(session, port=0) as server, session.live as live:
             assert json.loads(ask(server, "/state")[1])["live"] == {}
             heard = threading.Event()
-            desk.watch(heard.set)
+            session.watch(heard.set)
             for key, namespace in (("live", ""), ("live/bench2", "/bench2")):
                 estimates, setpoints = (
                     bench.create_publisher(topic.message_class, topic.within(namespace), topic.qos)
@@ -83,7 +83,7 @@ def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path: Path) -> None:
+def test_a_running_bench_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed")
     from gyrowheel.graph.api import up
 
@@ -100,17 +100,17 @@ def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path:
     )
     domain = next_domain()
     shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
-    desk = Desk(Shelf([tmp_path / "runs"]), gw.Model.load(wheel.model))
-    desk.live = LiveBenches(desk.hear, domain)
-    desk.open("0/drag", "fitted")
-    desk.wait(240.0)
+    session = Session(Library([tmp_path / "runs"]), gw.Model.load(wheel.model))
+    session.live = LiveBenches(session.changed, domain)
+    session.open("0/drag", "fitted")
+    session.wait(240.0)
     diagnosed: list[int] = []
-    desk.tests = lambda: [str(plan)]  # type: ignore[method-assign]
-    desk._diagnose = lambda at: diagnosed.append(len(desk.used("fitted")))  # type: ignore[method-assign]
+    session.tests = lambda: [str(plan)]  # type: ignore[method-assign]
+    session._diagnose = lambda at: diagnosed.append(len(session.used("fitted")))  # type: ignore[method-assign]
     with pytest.raises(gw.InputError, match="'live/bench9' does not run"):
-        desk.test(str(plan), "live/bench9")
+        session.test(str(plan), "live/bench9")
     changed = threading.Event()
-    desk.watch(changed.set)
+    session.watch(changed.set)
 
     def until(so: Any) -> None:
         for _ in range(1200):
@@ -119,17 +119,17 @@ def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path:
                 return
         raise AssertionError("it does not come")
 
-    with up(None, domain=domain, namespace="bench2") as graph, desk.live:
-        until(lambda: "live/bench2" in desk.live.runs)
+    with up(None, domain=domain, namespace="bench2") as graph, session.live:
+        until(lambda: "live/bench2" in session.live.runs)
         parts: list[float] = []
-        ends = desk.watch(lambda: parts.append(desk.job.part or 0.0) if desk.job else None)
-        desk.test(str(plan), "live/bench2")
-        desk.wait(240.0)
+        ends = session.watch(lambda: parts.append(session.job.part or 0.0) if session.job else None)
+        session.test(str(plan), "live/bench2")
+        session.wait(240.0)
         ends()
-        assert desk.trouble is None
+        assert session.trouble is None
         assert diagnosed == [2]  # after it was joined
         assert max(parts) > 0.0  # seen to go on
-        made = next(own.recording for own in desk.opened.values() if own.recording.name != "drag")
+        made = next(own.recording for own in session.opened.values() if own.recording.name != "drag")
         assert made.data.namespace == "/bench2"
         assert made.integrity.missing == 0
         assert len(made.info.holds) >= 2
@@ -137,11 +137,11 @@ def test_a_running_bench_walks_the_next_test_and_goes_on(wheel: Wheel, tmp_path:
         long = write(
             tmp_path / "long.yaml", plan.read_text().replace("0.5", "600.0").replace("short", "long")
         )
-        desk.tests = lambda: [str(long)]  # type: ignore[method-assign]
-        desk.test(str(long), "live/bench2")
-        until(lambda: desk.job is not None and desk.job.part is not None)
-        desk.end()
-        desk.wait(240.0)
-        assert len(desk.opened) == 2
+        session.tests = lambda: [str(long)]  # type: ignore[method-assign]
+        session.test(str(long), "live/bench2")
+        until(lambda: session.job is not None and session.job.part is not None)
+        session.end()
+        session.wait(240.0)
+        assert len(session.opened) == 2
         assert diagnosed == [2]
         assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}

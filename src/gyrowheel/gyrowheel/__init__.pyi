@@ -1,9 +1,9 @@
+from gyrowheel.blind_tests.api import Key as Key
 from gyrowheel.blind_tests.api import open_key as open_key
-from gyrowheel.blind_tests.key import Key as Key
 from gyrowheel.calibration.api import Calibration as Calibration
 from gyrowheel.calibration.api import calibrate as calibrate
+from gyrowheel.campaigns.api import CampaignResult as CampaignResult
 from gyrowheel.campaigns.api import campaign as campaign
-from gyrowheel.campaigns.result import CampaignResult as CampaignResult
 from gyrowheel.catalogue.api import PlanCheck as PlanCheck
 from gyrowheel.catalogue.api import benches as benches
 from gyrowheel.catalogue.api import check_plan as check_plan

@@ -30,6 +30,14 @@ _TOKEN = 6  # bytes in the name of a temporary file
 _LONGEST_NAME = 40  # characters of the target's name in it; a file system takes 255 bytes
 
 
+def new_folder(parent: Path, name: str, first: int) -> Path:
+    """Return ``parent/name-first``, or the next number without a folder."""
+    number = first
+    while (folder := parent / f"{name}-{number}").exists():
+        number += 1
+    return folder
+
+
 def require_new(directory: Path, *, what: str = "recording") -> None:
     """Refuse a directory that is not empty.
 

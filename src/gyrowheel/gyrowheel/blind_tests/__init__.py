@@ -1,1 +1,1 @@
-"""Sealed machines: the key of a hidden machine, and the one judge of an answer."""
+"""Keys of hidden machines, and the judge of blind tests."""

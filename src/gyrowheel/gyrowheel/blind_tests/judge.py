@@ -1,25 +1,48 @@
-"""Judgement of a diagnosis against the key of a blind test."""
+"""The judge of blind tests: one vocabulary of outcomes for the answers of a diagnosis, a model and a campaign."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
-
-from gyrowheel_core.files import read_json
-from gyrowheel_core.schema import check
-from gyrowheel_sim.effects import EffectValues
-from gyrowheel_sim.plant.scenario import KeyFile
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import Diagnosis
+    from gyrowheel_sim.effects import EffectValues
 
-Outcome = Literal["exact", "tied", "below_limit", "wrong"]
+Outcome = Literal[
+    "exact",
+    "inaccurate",
+    "tied",
+    "tied_without_test",
+    "partial",
+    "missed",
+    "below_limit",
+    "unknown",
+    "misnamed",
+    "named_right",
+    "failed",
+]
+#: Meaning of each outcome.
+OUTCOMES: dict[Outcome, str] = {
+    "exact": "all hidden effects are named, and no other",
+    "inaccurate": "all hidden effects are named, and no other, but a coefficient is off",
+    "tied": "the hidden effect is a named alternative, and the test that separates them is named",
+    "tied_without_test": "the hidden effect is a named alternative, but no test that separates them is named",
+    "partial": "some hidden effects are named, and no other",
+    "missed": "no effect is named",
+    "below_limit": "no effect is named, and the hidden one is below its detection limit",
+    "unknown": "called unknown, or described by a formula",
+    "misnamed": "an effect is named that was not hidden",
+    "named_right": "outside the library: named as the library effect that is right with another exponent",
+    "failed": "the diagnosis failed",
+}
+#: Outcomes that agree with the key of a single diagnosis.
+RIGHT: tuple[Outcome, ...] = ("exact", "tied", "below_limit")
 
 
 class Finding(Protocol):
-    """What a verdict names: an effect or an instrument, with what explains the recordings as well."""
+    """A named effect or instrument, with its alternatives."""
 
     @property
     def name(self) -> str:
@@ -31,15 +54,21 @@ class Finding(Protocol):
 
 
 @dataclass(frozen=True)
+class Named:
+    """An effect that is named without alternatives, as a model does."""
+
+    name: str
+    ties: tuple[()] = ()
+
+
+@dataclass(frozen=True)
 class Judgement:
-    """How a verdict compares with the truth.
+    """Comparison of a verdict with the truth.
 
     Attributes
     ----------
     outcome : str
-        ``exact``; ``tied`` (the truth is among the alternatives of the verdict, and the test that separates them is
-        named); ``below_limit`` (nothing was found, and the truth is below the stated detection limit);
-        ``wrong``.
+        One of `OUTCOMES`.
     sentence : str
         The outcome in words.
     """
@@ -50,88 +79,78 @@ class Judgement:
     @property
     def right(self) -> bool:
         """Whether the verdict agrees with the key."""
-        return self.outcome != "wrong"
-
-
-def hidden_effects(key: Path) -> EffectValues:
-    """Return the effects in a key file.
-
-    Raises
-    ------
-    InputError
-        If the file is missing or is not a key file.
-    """
-    return dict(check(KeyFile, read_json(key), str(key), kind="key file").effects)
+        return self.outcome in RIGHT
 
 
 def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
-    """Compare a verdict with the effects that were hidden."""
-    named = [finding.name for finding in diagnosis.effects]
-    if sorted(named) == sorted(truth) and diagnosis.verdict in ("effect", "ambiguous", "nothing_missing"):
-        ties = any(finding.ties for finding in diagnosis.effects)
-        return Judgement(
-            "exact", "The verdict is right" + ("; the alternatives were named too." if ties else ".")
-        )
-    tests = _tests_for(diagnosis, truth)
-    if tests is not None:
-        return Judgement(
-            "tied", f"The verdict names it among the alternatives; plan {tests} would separate them."
-        )
-    if not named and diagnosis.verdict == "nothing_missing" and _below_limits(diagnosis, truth):
-        return Judgement(
-            "below_limit",
-            "Rightly nothing was found: the hidden effect is below the detection limit stated above.",
-        )
-    return Judgement("wrong", "WRONG: the verdict does not agree with the key.")
+    """Compare a verdict with the hidden effects."""
+    tests: list[str | None] = []
+    outcome: Outcome = "unknown"
+    if diagnosis.verdict != "unknown":
+        outcome, tests = judge_names(diagnosis.effects, truth)
+    if outcome == "missed" and diagnosis.verdict == "nothing_missing" and _below_limits(diagnosis, truth):
+        outcome = "below_limit"
+    words = f"{'Right' if outcome in RIGHT else 'WRONG'}: {OUTCOMES[outcome]}"
+    if outcome == "exact" and any(finding.ties for finding in diagnosis.effects):
+        words += "; alternatives are named too"
+    if outcome == "tied":
+        words += f": plan {' and '.join(dict.fromkeys(map(str, tests)))}"
+    return Judgement(outcome, f"{words}.")
 
 
-def matched(findings: Iterable[Finding], truth: Iterable[str]) -> tuple[set[str], list[str | None]] | None:
-    """Match what a verdict names with what was hidden.
+def judge_names(
+    findings: Iterable[Finding],
+    truth: Iterable[str],
+    *,
+    instruments: Iterable[str] = (),
+    imitated: Mapping[str, str | None] | None = None,
+) -> tuple[Outcome, list[str | None]]:
+    """Compare named effects with the hidden ones.
 
     Parameters
     ----------
-    findings : iterable of Finding
-        What the verdict names.
+    findings : iterable
+        The named effects, with their alternatives.
     truth : iterable of str
         Names of the hidden effects.
+    instruments : iterable of str
+        Hidden errors of instruments: an effect that ties with one is not misnamed.
+    imitated : mapping of str to str or None, optional
+        Effects that are alternatives of a named instrument, each with the test that separates them.
 
     Returns
     -------
-    left : set of str
-        Hidden effects that are not named.
+    outcome : str
+        ``exact``, ``tied``, ``tied_without_test``, ``partial``, ``missed`` or ``misnamed``.
     tests : list of str or None
-        For every hidden effect that is only an alternative: the test that separates it, if there is one.
-
-    None if an effect is named that was not hidden, and neither was any of its alternatives.
+        For every hidden effect that is an alternative only: the test that separates it, if one is named.
     """
-    left = set(truth)
-    tests: list[str | None] = []
+    findings, truth, imitated = list(findings), list(truth), imitated or {}
+    if sorted(finding.name for finding in findings) == sorted(truth):
+        return "exact", []
+    left, tests = {*truth, *instruments}, []
     for finding in sorted(findings, key=lambda f: f.name not in left):
         if finding.name in left:
             left.discard(finding.name)
             continue
         ties = sorted((t for t in finding.ties if t.name in left), key=lambda t: t.separating_plan is None)
         if not ties:
-            return None
+            return "misnamed", []
         left.discard(ties[0].name)
         tests.append(ties[0].separating_plan)
-    return left, tests
-
-
-def _tests_for(diagnosis: Diagnosis, truth: EffectValues) -> str | None:
-    """Return the tests that would separate the truth from its ties; None if the verdict misses the truth."""
-    left, tests = matched(diagnosis.effects, truth) or (set(truth), [])
-    named = [test for test in tests if test]
-    if left or len(named) < len(tests):
-        return None
-    return " and ".join(dict.fromkeys(named)) or None
+    left &= {*truth}
+    tests += [imitated[name] for name in sorted(left) if name in imitated]
+    if left - imitated.keys():
+        return "partial" if findings else "missed", []
+    return "tied" if all(tests) else "tied_without_test", tests
 
 
 def _below_limits(diagnosis: Diagnosis, truth: EffectValues) -> bool:
+    """Return whether every hidden effect is smaller than its detection limits."""
     limits = {(limit.effect, limit.coefficient): limit.value for limit in diagnosis.limits}
-    return all(_below(name, values, limits) for name, values in truth.items())
 
+    def below(name: str, values: Mapping[str, float]) -> bool:
+        stated = {key: limits[name, key] for key in values if (name, key) in limits}
+        return bool(stated) and all(abs(values[key]) < limit for key, limit in stated.items())
 
-def _below(name: str, values: Mapping[str, float], limits: Mapping[tuple[str, str], float]) -> bool:
-    stated = {key: limits[name, key] for key in values if (name, key) in limits}
-    return bool(stated) and all(abs(values[key]) < limit for key, limit in stated.items())
+    return all(below(name, values) for name, values in truth.items())

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import finding, put_json, put_text
+from gyrowheel.cli.console import finding, put
 from gyrowheel.cli.options import Json, example
 
 
@@ -36,9 +36,9 @@ def key(
     ] = False,
     json: Json = None,
 ) -> None:
-    """Open the key of a blind test: show what was hidden, and judge a model against it.
+    """Open the key of a blind test: show the hidden machine, and judge a model against it.
 
-    Look only when the model is done: a key that was read is no test any more.
+    Open it only when the model is finished: a key that was read is no test any more.
     """
     import gyrowheel as gw
     from gyrowheel_core.errors import InputError
@@ -47,10 +47,5 @@ def key(
         raise InputError("--fail-on-finding: needs --against")
     model = None if against is None else gw.Model.load(against)
     result = gw.open_key(file, model, bench=bench)
-    if json is not None:
-        put_json(json, result.to_dict())
-    if json != "-":
-        from gyrowheel.blind_tests.page import key_page
-
-        put_text(key_page(result))
+    put(result, json)
     finding(fail_on_finding and result.outcome != "right")

@@ -1,8 +1,6 @@
-"""Many blind cases: hidden machines are recorded and diagnosed, and a judge compares verdict and truth.
+"""Campaigns of blind cases: hidden machines are recorded and diagnosed, and a judge compares verdict and truth.
 
-Three parts that share nothing but the physics library and this order of events:
-
-`hiding` draws a machine and records it; `finding` gets the recordings and the model of the bench, nothing else;
-`judge` alone sees both the answer and the secret. `job.run_case` is one case from beginning to end, the function
-that `workers` hands to the cores of this machine or to a Dask cluster; `summary` counts.
+The parts share only the physics: `hidden` draws a machine and records it; `finder` gets the recordings and the model
+of the bench; `judge` alone sees answer and secret. `workers.run_case` is one case from beginning to end; `workers`
+runs it on the cores of this machine or on a Dask cluster; `summary` counts.
 """

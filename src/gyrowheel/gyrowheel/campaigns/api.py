@@ -1,25 +1,67 @@
-"""A campaign, from its settings to its statistics."""
+"""A campaign of blind cases, from its settings to its statistics."""
 
 from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from gyrowheel.campaigns.result import CampaignResult
+from pydantic import TypeAdapter, ValidationError
+
+from gyrowheel.campaigns.cases import Campaign, Case, CaseKind
+from gyrowheel.campaigns.cases import cases as all_cases
+from gyrowheel.campaigns.judge import Judged
+from gyrowheel.campaigns.page import campaign_page
+from gyrowheel.campaigns.summary import Summary
+from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases, kept_case
+from gyrowheel.show.result import Result
+from gyrowheel.simulation.code_identity import code_identity
+from gyrowheel_control.plans.adaptation import plan_for
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import disk_errors
+from gyrowheel_core.journal import Journal, Work, begun, journal
+from gyrowheel_core.locks import alone_in
+from gyrowheel_sim.bench import Bench
 
 if TYPE_CHECKING:
-    from gyrowheel.campaigns.cases import Campaign, Case, CaseKind
-    from gyrowheel.campaigns.judge import Judged
-    from gyrowheel_core.journal import Journal, Work
-    from gyrowheel_sim.bench import Bench
+    from rich.console import RenderableType
 
 KIND = "campaign"
 
-#: What may be hidden if nothing is said, without and with imperfect instruments.
+#: Default kinds of cases, without and with imperfect instruments.
 _KINDS = {False: ("none", "single", "pair", "outside"), True: ("none", "single", "event")}
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignResult(Result, Summary):
+    """Outcome of `gyrowheel.campaign`; fields and statistics are those of `gyrowheel.campaigns.summary.Summary`."""
+
+    def headline(self) -> str:
+        """Return the title and the number of right cases."""
+        return f"{self.title}: {sum(case.right for case in self.cases)} of {len(self.cases)} right"
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return the tables of the campaign."""
+        return campaign_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel campaign --json``."""
+        return self.to_json()
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the cases as columns, a row for each."""
+        return {
+            "case": [case.index for case in self.cases],
+            "kind": [case.kind for case in self.cases],
+            "hidden": [", ".join(case.truth) for case in self.cases],
+            "named": [", ".join(case.named) for case in self.cases],
+            "verdict": [case.verdict for case in self.cases],
+            "outcome": [case.outcome for case in self.cases],
+            "detectable": [case.detectable for case in self.cases],
+        }
 
 
 def campaign(
@@ -46,25 +88,25 @@ def campaign(
     """Test the diagnosis on many blind cases, each judged by its key.
 
     Each case is another machine: its parameters are drawn within their uncertainties, noise, drift and controller vary,
-    and it hides nothing, one effect, two, or one that no library has.
+    and it hides no effect, one, two, or one outside the library.
 
     Parameters
     ----------
     plan, validation_plan : str or Path
-        Plan that is diagnosed, and plan of the recording that is only predicted.
+        Plan that is diagnosed, and plan of the validation recording.
     cases : int
         Number of cases.
     seed : int
-        Seed of everything that is drawn.
+        Seed of all draws.
     kinds : sequence of str
-        What may be hidden: ``none``, ``single``, ``pair``, ``outside``, with `reality` also ``event``. If not given,
+        Kinds of cases: ``none``, ``single``, ``pair``, ``outside``, with `reality` also ``event``. If not given,
         the first four; with `reality` ``none``, ``single`` and ``event``.
     reality : bool
-        Whether the instruments are imperfect too, several at once, and events may happen.
+        Whether instruments are imperfect, several at once, and events happen.
     noise, drift, gains : float
-        White noise, slow drifts and spin gains, times the stated ones.
+        White noise, slow drifts and spin gains, as multiples of the stated ones.
     lost : float
-        Fraction of the samples that is lost, 0 .. 0.2.
+        Fraction of lost samples, 0 .. 0.2.
     bench : str, Path or Bench
         Shipped name of the bench, bench file, or bench.
     only : sequence of int
@@ -76,13 +118,12 @@ def campaign(
     keep : str or Path, optional
         Folder that keeps recordings, keys and diagnoses.
     folder : str or Path, optional
-        New folder that keeps each finished case, so that the campaign can go on after it was interrupted or killed.
+        New folder that keeps each finished case, so that an interrupted or killed campaign can be resumed.
     resume : bool
-        Go on with the campaign in `folder`: cases that it finished are not run again. Settings must be the same, and
-        so must the code.
+        Resume the campaign in `folder`: finished cases are not run again. Settings and code must be the same.
     progress : callable, optional
-        Called at the beginning and after each case with the cases finished so far, the latest last, and how many there
-        are in all. Once it is called, everything given is known to be right.
+        Called at the beginning and after each case with the finished cases, the latest last, and the number of all
+        cases. At its first call all settings are checked.
 
     Returns
     -------
@@ -92,17 +133,8 @@ def campaign(
     Raises
     ------
     InputError
-        If a name is unknown, a value is out of range, a folder cannot be written, or there is nothing to go on with.
+        If a name is unknown, a value is out of range, a folder cannot be written, or there is nothing to resume.
     """
-    from gyrowheel.campaigns.cases import Campaign
-    from gyrowheel.campaigns.cases import cases as all_cases
-    from gyrowheel.campaigns.finished import earlier, note
-    from gyrowheel.campaigns.summary import Summary
-    from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases
-    from gyrowheel_control.plans.adaptation import plan_for
-    from gyrowheel_core.errors import InputError
-    from gyrowheel_sim.bench import Bench
-
     if resume and folder is None:
         raise InputError("resume: needs the folder of the campaign to go on with")
     chosen_bench = bench if isinstance(bench, Bench) else Bench.load(bench)
@@ -127,17 +159,17 @@ def campaign(
     try:
         with (
             _keeping(keep, wanted, folder, resume) as kept,
-            _kept(folder, settings, cases, only, resume) as (journal, scratch),
+            _kept(folder, settings, cases, only, resume) as (kept_cases, scratch),
         ):
-            done += [] if journal is None else earlier(journal, wanted)
+            done += [] if kept_cases is None else _earlier(kept_cases, wanted)
             known = {case.index for case in done}
             left = [case for case in wanted if case.index not in known]
             if progress is not None:
                 progress(done, len(wanted))
             with judged_cases(left, jobs=jobs, dask=dask, keep=kept, scratch=scratch) as results:
                 for case in results:
-                    if journal is not None:
-                        note(journal, case)
+                    if kept_cases is not None:
+                        kept_cases.finish(f"case-{case.index:04d}", asdict(case))
                     done.append(case)
                     if progress is not None:
                         progress(done, len(wanted))
@@ -150,29 +182,36 @@ def campaign(
     changes += ["imperfect instruments"] if reality else []
     changes += [f"{100.0 * lost:g} % of the samples lost"] if lost else []
     title = ", ".join([f"{len(wanted)} blind cases of plan {chosen.name}", f"seed {seed}", *changes])
-    return CampaignResult(Summary.of(seed, len(wanted), done), title, interrupted)
+    return CampaignResult.of(Summary.counted(seed, len(wanted), done, title, interrupted=interrupted))
 
 
 def settings_of(folder: str | Path) -> dict[str, Any]:
-    """Return the arguments of `campaign` with which the one in a folder was begun, all but what does not matter.
+    """Return the arguments of `campaign` that determine the results of the campaign in a folder.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there is no campaign.
     """
-    from gyrowheel_core.journal import begun
-    from gyrowheel_sim.bench import Bench
-
     found = begun(Path(folder), KIND).settings
     return found | {"bench": Bench.from_text(found["bench"], origin=str(folder))}
 
 
-def _work(campaign: Campaign, count: int, only: Sequence[int]) -> Work:
-    """Return what determines the results of a campaign; plans and bench by what is in them."""
-    from gyrowheel.simulation.code_identity import code_identity
-    from gyrowheel_core.journal import Work
+def _earlier(kept: Journal, wanted: Sequence[Case]) -> list[Judged]:
+    """Return the finished cases of a journal, of those wanted."""
+    adapter = TypeAdapter(Judged)
+    kinds = {case.index: case.kind for case in wanted}
+    found: dict[int, Judged] = {}
+    for content in kept.finished().values():
+        with contextlib.suppress(ValidationError):
+            case = adapter.validate_python(content)
+            if kinds.get(case.index) == case.kind:
+                found[case.index] = case
+    return list(found.values())
 
+
+def _work(campaign: Campaign, count: int, only: Sequence[int]) -> Work:
+    """Return the settings that determine the results of a campaign; plans and bench by their contents."""
     single = ("plan", "validation_plan", "seed", "kinds", "reality", "noise", "drift", "gains", "lost")
     settings = {name: getattr(campaign, name) for name in single}
     settings |= {"bench": campaign.bench.describe(), "cases": count, "only": sorted({*only})}
@@ -183,18 +222,13 @@ def _work(campaign: Campaign, count: int, only: Sequence[int]) -> Work:
 def _keeping(
     keep: str | Path | None, wanted: Sequence[Case], folder: str | Path | None, resume: bool
 ) -> Iterator[str | None]:
-    """Hold the folder that keeps the recordings of cases, and yield its path from the root; None without one.
+    """Lock the folder that keeps the recordings of cases, and yield its absolute path; None without one.
 
     Two campaigns at once would replace each other's cases.
     """
     if keep is None:
         yield None
         return
-    from gyrowheel.campaigns.job import kept_case
-    from gyrowheel_core.errors import InputError
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_core.locks import alone_in
-
     place = Path(keep)
     with disk_errors(place):
         place.mkdir(parents=True, exist_ok=True)
@@ -210,13 +244,10 @@ def _keeping(
 def _kept(
     folder: str | Path | None, campaign: Campaign, count: int, only: Sequence[int], resume: bool
 ) -> Iterator[tuple[Journal | None, str | None]]:
-    """Yield the journal of a campaign and a folder for its temporary files; neither where nothing is to be kept."""
+    """Yield the journal of a campaign and a folder for its temporary files; None for both without a folder."""
     if folder is None:
         yield None, None
         return
-    from gyrowheel_core.files import disk_errors
-    from gyrowheel_core.journal import journal
-
     with journal(Path(folder), _work(campaign, count, only), resume=resume) as kept:
         scratch = kept.folder.absolute() / "scratch"
         shutil.rmtree(scratch, ignore_errors=True)  # what a kill has left

@@ -13,32 +13,32 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import KINDS, Kind
 
 CaseKind: TypeAlias = Kind | Literal["event"]
-#: How often each kind comes, among those asked for.
+#: Relative frequency of each kind.
 SHARES: dict[CaseKind, float] = dict([*KINDS.items(), ("event", 0.3)])
-#: Largest fraction of samples that may be lost: with more missing no window is complete.
+#: Largest fraction of lost samples: with more missing no window is complete.
 MOST_LOST = 0.2
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Settings of a campaign; together with a number they determine a case.
+    """Settings of a campaign; together with its number they determine a case.
 
     Attributes
     ----------
     plan, validation_plan : str
-        Text of the plan that is diagnosed, and of the plan of the recording that is only predicted.
+        Text of the plan that is diagnosed, and of the plan of the validation recording.
     bench : Bench
         The bench as its file describes it.
     seed : int
-        Seed of everything that is drawn; not negative.
+        Seed; not negative.
     kinds : tuple of str
-        What may be hidden; see `SHARES` for how often.
+        Kinds of cases; see `SHARES` for their frequencies.
     noise, drift : float
-        White noise and slow drifts of the readings, as multiples of those stated; every case varies about them.
+        White noise and slow drifts of the readings, as multiples of the stated ones; every case varies about them.
     gains : float
         Spin gains, as multiples of those of the default controller; every case varies all gains.
     lost : float
-        Fraction of the samples that is lost, 0 .. 0.2.
+        Fraction of lost samples, 0 .. 0.2.
     reality : bool
         Whether the instruments are imperfect as well, and events may happen (kind ``event``).
     """
@@ -82,7 +82,7 @@ class Campaign:
 
 @dataclass(frozen=True)
 class Case:
-    """One case: all that a worker needs to simulate, diagnose and judge it.
+    """One case: everything that a worker needs to simulate, diagnose and judge it.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Case:
     index : int
         Number of the case, from 0.
     kind : str
-        What is hidden.
+        Kind of the case.
     ordinal : int
         Number of earlier cases of its kind: the effects take turns.
     """
@@ -103,7 +103,7 @@ class Case:
 
 
 def cases(campaign: Campaign, count: int, only: Sequence[int] = ()) -> list[Case]:
-    """Return the cases of a campaign; the first ones are the same however many there are.
+    """Return the cases of a campaign; a case does not depend on the number of cases.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def cases(campaign: Campaign, count: int, only: Sequence[int] = ()) -> list[Case
     count : int
         Number of cases.
     only : sequence of int
-        Numbers of the cases wanted; all if empty.
+        Numbers of the cases to return; all if empty.
 
     Raises
     ------

@@ -1,7 +1,4 @@
-"""The finder's side of a case: recordings and the model of the bench go in, a diagnosis comes out.
-
-This module must never see more; a test checks its imports.
-"""
+"""The diagnosis of a case, from recordings and the model of the bench alone; a test checks the imports."""
 
 from __future__ import annotations
 
@@ -19,10 +16,9 @@ def find(recording: Path, unused: Path, model: Model) -> Diagnosis:
     Parameters
     ----------
     recording : Path
-        The recording to explain.
+        The recording to diagnose.
     unused : Path
-        A recording of the same machine on which nothing is fitted: the error on it shows whether what was found
-        holds.
+        A validation recording of the same machine, on which nothing is fitted.
     model : Model
         The bench as its file describes it.
     """

@@ -1,6 +1,6 @@
-"""The secret of a case: a machine drawn at random, with effects scaled to the detection limit of a recording.
+"""The secret of a case: a machine drawn at random, with effects scaled to the detection limits of a recording.
 
-The finder may use nothing of this module but the recordings that `record` writes.
+The finder uses only the recordings that `record` writes.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ from gyrowheel_sim.plant.scenario import Scenario
 
 Array = NDArray[np.float64]
 
-#: Sizes are drawn between these multiples of the detection limit.
+#: Range of the sizes, in detection limits.
 SMALLEST, LARGEST = 1.0, 10.0
-#: The same outside the library: a smaller one could be mistaken for a library effect.
+#: Smallest size outside the library, in detection limits: a smaller one could be taken for a library effect.
 SMALLEST_OUTSIDE = 2.0
-#: No effect is larger than this many times its largest usual size, however little a recording shows of it.
+#: Largest size, in largest usual sizes, however little a recording shows of the effect.
 MOST_OF_USUAL = 3.0
 #: Largest relative error of a bench parameter.
 MOST_RELATIVE = 0.5
-_VARIATION = 1.4  # factor of noise and drift about the requested level, up or down
-_GAIN_SPREAD = 0.2  # of the logarithm of a gain
+_VARIATION = 1.4  # largest factor of noise and drift about the requested level
+_GAIN_SPREAD = 0.2  # largest change of the logarithm of a gain
 _VARIED_GAINS = tuple(item.name for item in fields(Gains))
 
 
@@ -65,20 +65,20 @@ class Secret:
     truth : dict
         {effect or error of a bench parameter: {coefficient: value}}.
     sizes : dict of str to float
-        Size of each over its detection limit in a recording of this plan; NaN where the plan shows nothing of it.
+        Size of each over its detection limit in a recording of this plan; NaN if the plan does not show it.
     resembles : tuple of (str, str) or None
-        For an effect outside the library: the library effect that becomes right with another exponent, and the
-        name of the exponent.
+        For an effect outside the library: the library effect that is right with another exponent, and the
+        exponent.
     gains : Gains
-        The controller's.
+        Gains of the controller.
     lost : float
-        Fraction of the samples that is lost.
+        Fraction of lost samples.
     noise, drift : float
-        White noise and slow drifts, as multiples of those stated.
+        White noise and slow drifts, as multiples of the stated ones.
     instruments : dict
-        Instruments that are not as stated: {effect: {coefficient: value}}.
+        Wrong instruments: {effect: {coefficient: value}}.
     event : HiddenEvent or None
-        What happens in the middle of the first recording.
+        Event in the first recording.
     event_values : dict
         Its coefficients.
     """
@@ -112,10 +112,10 @@ class Secret:
 
 
 class Yardstick:
-    """Measure of how well a recording of a plan shows an effect.
+    """Detection limits of a plan.
 
-    A recording of the bench as stated, with nothing hidden, is reduced once. Every response is measured against it in
-    units of the noise, with all bench parameters fitted as well.
+    A recording of the stated bench is reduced once. The response of an effect is measured in units of the noise, after
+    a fit of all bench parameters.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class Yardstick:
         self.errors = parameter_errors(self._problem.bench)
 
     def size(self, name: str, values: dict[str, float], drift: float, beside: EffectValues) -> float:
-        """Return an effect's size over its detection limit; NaN where the recording shows nothing of it.
+        """Return the size of an effect over its detection limit; NaN if the recording does not show it.
 
         Parameters
         ----------
@@ -152,9 +152,9 @@ class Yardstick:
         values : dict
             Its coefficients.
         drift : float
-            The drifts, as multiples of those stated.
+            Drifts, as multiples of the stated ones.
         beside : EffectValues
-            Other hidden effects: what they can explain does not count for this one.
+            Other hidden effects: the part of the response that they explain does not count.
         """
         others = [self._response(other, given) for other, given in beside.items()]
         left = self._left(np.column_stack([*others, self._response(name, values)]), drift)
@@ -162,11 +162,11 @@ class Yardstick:
         return _over_limit(_apart(left[:, -1], left[:, :-1]), needed)
 
     def _asked_of_event(self, name: str) -> float:
-        """Return the chi-squared that an event must gain: nobody knows beforehand what happens, nor when."""
+        """Return the chi-squared that an event must gain, of unknown kind and time."""
         return EVENT_GAIN + price(shape_of(name), self._places)
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
-        """Return the same for an effect outside the library: only what no single library effect can explain counts."""
+        """Return the same for an effect outside the library: the part that no single library effect explains counts."""
         terms = [self._columns(term) for term in candidate_terms(self._problem.bench)]
         left = self._left(np.column_stack([*terms, self._response(form.effect.name, values)]), drift)
         edges = np.cumsum([0, *(columns.shape[1] for columns in terms)])
@@ -202,7 +202,7 @@ class Yardstick:
     def _left(self, columns: Array, drift: float, parameters: list[bool] | None = None) -> Array:
         """Return the part of responses that bench parameters cannot explain, in units of the noise."""
         problem = self._problem
-        # the finder assumes no drift smaller than the stated one
+        # the diagnosis assumes no drift below the stated one
         noise = problem.noise.with_scales(dict.fromkeys(problem.noise.scales, max(drift, 1.0)))
         keep = np.array([True] * problem.count if parameters is None else parameters)
         free = problem.base_jacobian[:, keep]
@@ -228,10 +228,10 @@ _made: dict[tuple[str, str], Yardstick] = {}
 
 
 def yardstick(bench: Bench, plan: str) -> Yardstick:
-    """Return the yardstick of a bench and the text of a plan; made once per process."""
+    """Return the yardstick of a bench and a plan (text); made once per process."""
     key = (bench.describe(), plan)
     if key not in _made:
-        with one_thread():  # as in the cases: a secret must not depend, not by a bit, on where it is drawn
+        with one_thread():  # as in the cases: a secret must be bitwise the same wherever it is drawn
             _made[key] = Yardstick(bench, Plan.load(plan))
     return _made[key]
 
@@ -241,14 +241,14 @@ def _over_limit(chi2: float, needed: float) -> float:
 
 
 def hide(case: Case, measure: Yardstick) -> Secret:
-    """Draw the secret of a case; the same for the same case, wherever it is drawn.
+    """Draw the secret of a case, the same wherever it is drawn.
 
     Parameters
     ----------
     case : Case
         The case.
     measure : Yardstick
-        Gives the detection limits of its plan.
+        Detection limits of its plan.
     """
     campaign = case.campaign
     bench = campaign.bench
@@ -265,7 +265,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
     truth: EffectValues = {}
     wrong: EffectValues = {}
     if campaign.reality:
-        # a stream of its own: what else is hidden stays as it is without
+        # a separate stream: the other draws do not depend on it
         apart = np.random.default_rng([campaign.seed, case.index, 0x7265616C])
         values |= draw_amounts(bench, apart)
         wrong = draw_wrong(
@@ -317,7 +317,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
 def _event(
     case: Case, measure: Yardstick, drift: float, rng: np.random.Generator, wrong: EffectValues
 ) -> tuple[HiddenEvent, dict[str, float]]:
-    """Draw an event, and its size by the detection limit."""
+    """Draw an event, scaled to the detection limit."""
     bench, plan = case.campaign.bench, Plan.load(case.campaign.plan)
     name = _turn(tuple(events()), case.campaign.seed, case.ordinal, "event")
     event, drawn = draw_event(bench, name, plan.duration, rng)
@@ -395,7 +395,7 @@ def _scaled(
 
 
 def _turn(pool: tuple[Any, ...], seed: int, ordinal: int, purpose: str) -> Any:
-    """Return the next member of a pool: all come once, in random order, before any comes again."""
+    """Return the next member of a pool: all in random order before any is repeated."""
     round_, place = divmod(ordinal, len(pool))
     rng = np.random.default_rng([seed, round_, *purpose.encode()])
     return pool[int(rng.permutation(len(pool))[place])]
@@ -427,7 +427,7 @@ def record(case: Case, secret: Secret, plan: str, part: int, directory: Path) ->
     plan : str
         Text of the plan.
     part : int
-        Which recording of the case it is: each has noise of its own.
+        Number of the recording: each has its own noise.
     directory : Path
         To create.
     """
@@ -435,7 +435,7 @@ def record(case: Case, secret: Secret, plan: str, part: int, directory: Path) ->
     seeds = np.random.SeedSequence([secret.scenario.noise_seed, part]).generate_state(2)
     scenario = replace(secret.scenario, noise_seed=int(seeds[0]))
     if secret.event is not None:
-        # it happens once, in the recording that is diagnosed
+        # in the recording that is diagnosed only
         happens = {secret.event.name: secret.event_values} if part == 0 else {}
         scenario = replace(
             scenario, effects={**scenario.effects, **happens}, declared={**scenario.declared, **events()}

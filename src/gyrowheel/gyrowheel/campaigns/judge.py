@@ -1,4 +1,4 @@
-"""The judge of a case: compares the finder's answer with the secret. No other part sees both."""
+"""The judge of a case: compares diagnosis and secret. No other part sees both."""
 
 from __future__ import annotations
 
@@ -6,38 +6,23 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from gyrowheel.blind_tests.judge import matched
+from gyrowheel.blind_tests.judge import Outcome, judge_names
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hidden import Secret
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 
-Outcome = Literal[
-    "exact", "tied", "tied_without_test", "partial", "missed", "unknown", "misnamed", "named_right", "failed"
-]
-#: What each outcome means.
-OUTCOMES: dict[Outcome, str] = {
-    "exact": "all that was hidden was named, and nothing else",
-    "tied": "the truth is among the alternatives named, with the test that separates them",
-    "tied_without_test": "the truth is among the alternatives named, but no test that separates them",
-    "partial": "one of two was named, and nothing wrong",
-    "missed": "nothing was named",
-    "unknown": "called unknown, with a formula",
-    "misnamed": "an effect was named that is not there",
-    "named_right": "outside the library: named as the library effect that is right with another exponent",
-    "failed": "the finder failed",
-}
 #: Smallest size, in detection limits, at which an effect counts as detectable.
 DETECTABLE = 2.0
-_SAME_EXPONENT = 0.15  # an exponent as near as this is right too
-#: How near an event must be dated [s]; the beginning of a trend alternatively to three of its standard errors.
+_SAME_EXPONENT = 0.15  # tolerance of an exponent, where its standard error is smaller
+#: Tolerance of the date of an event [s]; for the beginning of a trend at least three standard errors.
 DATED = 2.0
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A value that the finder stated with its standard error, and the true one."""
+    """A fitted value with its standard error, and the true value."""
 
     name: str
     value: float
@@ -54,7 +39,7 @@ class Interval:
 
 @dataclass(frozen=True)
 class InstrumentJudged:
-    """An instrument that was not as stated: its name, size over its detection limit, and whether it was found.
+    """A wrong instrument: name, size over its detection limit, and whether it was found.
 
     `found` is ``named``, ``tied`` (it is an alternative of something named) or ``missed``.
     """
@@ -65,15 +50,15 @@ class InstrumentJudged:
 
     @property
     def detectable(self) -> bool:
-        """Whether it is at least twice as large as its detection limit."""
+        """Whether it is at least `DETECTABLE` times its detection limit."""
         return self.size >= DETECTABLE
 
 
 @dataclass(frozen=True)
 class EventJudged:
-    """An event that was hidden: which, when it began [s], its size over its detection limit, and whether it was dated.
+    """A hidden event: name, beginning [s], size over its detection limit, and whether it was dated.
 
-    `off` is the distance of the nearest event that was told [s]; infinite if none was.
+    `off` is the distance to the nearest reported event [s]; infinite without one.
     """
 
     name: str
@@ -84,56 +69,56 @@ class EventJudged:
 
     @property
     def detectable(self) -> bool:
-        """Whether it is at least twice as large as its detection limit."""
+        """Whether it is at least `DETECTABLE` times its detection limit."""
         return self.size >= DETECTABLE
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A case, judged.
+    """A judged case.
 
     Attributes
     ----------
     index : int
         Number of the case.
     kind : str
-        What was hidden.
+        Kind of the case.
     truth : dict
         {effect: {coefficient: value}}.
     sizes : dict of str to float
         Sizes over the detection limits of this plan.
     detectable : bool
-        Whether all that was hidden is at least twice as large as its detection limit.
+        Whether every hidden effect, or the event, is at least `DETECTABLE` times its detection limit.
     verdict : str
-        The finder's verdict; empty if it failed.
+        Verdict; empty if the diagnosis failed.
     named : list of str
-        What it named.
+        Named effects.
     ties : list of (str, str or None)
-        The alternatives it named, with the plans that separate them.
+        Named alternatives, with the plans that separate them.
     outcome : str
-        See `OUTCOMES`.
+        See `gyrowheel.blind_tests.judge.OUTCOMES`.
     intervals : list of Interval
-        Coefficients of the effects that were named rightly.
+        Coefficients of the rightly named effects.
     parameters : list of Interval
-        Fitted bench parameters, if nothing wrong was named.
+        Fitted bench parameters, if no wrong effect was named.
     validation : float or None
-        Error on the recording that was not used, in noise floors (root of chi-squared over N).
+        Error on the validation recording, in noise floors (root of chi-squared over N).
     validation_before : float or None
         The same for the model without the findings.
     formula : str
         Formula proposed for an unknown effect.
     seconds : float
-        Time that the diagnosis took [s].
+        Duration of the diagnosis [s].
     error : str
-        Why the finder failed.
+        Why the diagnosis failed.
     instruments : list of InstrumentJudged
-        The instruments that were not as stated.
+        The wrong instruments.
     instruments_named : list of str
-        Every instrument that was named.
+        Named instruments.
     instruments_wrong : list of str
-        Instruments that were named but are as stated, and so is every alternative.
+        Named instruments that are as stated, as are all their alternatives.
     event : EventJudged or None
-        What happened in the middle of the recording.
+        The hidden event.
     """
 
     index: int
@@ -161,7 +146,7 @@ class Judged:
     def right(self) -> bool:
         """Whether the answer is right: no false finding, and nothing detectable missed or misnamed.
 
-        Of the instruments only those count that are named wrongly; `instruments` has which were found.
+        Missed instruments do not count here; see `instruments`.
         """
         if self.instruments_wrong:
             return False
@@ -173,7 +158,7 @@ class Judged:
 
     @property
     def beside_unknown(self) -> bool:
-        """Whether effects were named in addition to an unknown one: alone they are no answer."""
+        """Whether effects were named next to an unknown one: alone they are no answer."""
         return self.verdict == "unknown" and bool(self.named)
 
     @property
@@ -219,7 +204,7 @@ class Judged:
 
 
 def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
-    """Compare an answer with the secret."""
+    """Compare a diagnosis with the secret."""
     named = [finding.name for finding in answer.effects]
     right = {name for name in named if name in secret.truth}
     outcome = _outcome(case, secret, answer)
@@ -265,10 +250,10 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
 
 
 def _parameters(case: Case, secret: Secret, answer: Diagnosis) -> list[Interval]:
-    """Return the fitted bench parameters beside the true ones.
+    """Return fitted and true bench parameters.
 
-    An instrument that is not as stated changes the true value of its parameter. What a finding changes, or what
-    ties with it, is left out: the parameter then stands at what is stated, and the rest in the finding.
+    A wrong instrument changes the true value of its parameter. A parameter that a finding or its ties change is left
+    out: it stays at its stated value, and the finding has the rest.
     """
     stated, known = case.campaign.bench, registry()
     truth = {name: secret.scenario.values.get(name, stated.value(name)) for name in answer.nuisance}
@@ -287,7 +272,7 @@ def _parameters(case: Case, secret: Secret, answer: Diagnosis) -> list[Interval]
 
 
 def _alternatives(answer: Diagnosis) -> dict[str, list[str]]:
-    """Return the instruments named with their ties; one of several parameters is named once for each."""
+    """Return the named instruments with their ties; an instrument may be named once for each of its parameters."""
     result: dict[str, list[str]] = {}
     for finding in answer.instruments:
         result.setdefault(finding.name, []).extend(tie.name for tie in finding.ties)
@@ -319,7 +304,7 @@ def _event(secret: Secret, answer: Diagnosis) -> EventJudged | None:
 
 
 def failed(case: Case, secret: Secret, error: str) -> Judged:
-    """Return a case whose finder failed."""
+    """Return a case whose diagnosis failed."""
     return Judged(
         case.index,
         case.kind,
@@ -341,7 +326,7 @@ def failed(case: Case, secret: Secret, error: str) -> Judged:
 
 
 def _detectable(secret: Secret) -> bool:
-    """Whether all effects, or the event, can be seen; wrong instruments are counted on their own."""
+    """Return whether all effects, or the event, are detectable; wrong instruments are counted separately."""
     return all(size >= DETECTABLE for name, size in secret.sizes.items() if name not in secret.instruments)
 
 
@@ -359,18 +344,10 @@ def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
         return "missed"
     if case.kind == "outside":
         return "named_right" if _right_but_for_exponent(secret, answer) else "misnamed"
-    found = matched(answer.effects, [*truth, *secret.instruments])
-    if found is None:
-        return "misnamed"
-    left, tests = found
-    left &= {*truth}
     # an effect that an instrument imitates may be an alternative of that instrument
-    of_instruments = {tie.name: tie.separating_plan for f in answer.instruments for tie in f.ties}
-    tests += [of_instruments[name] for name in sorted(left) if name in of_instruments]
-    left -= of_instruments.keys()
-    if left:
-        return "partial" if named else "missed"
-    return "tied" if all(tests) else "tied_without_test"
+    imitated = {tie.name: tie.separating_plan for f in answer.instruments for tie in f.ties}
+    outcome, _ = judge_names(answer.effects, truth, instruments=secret.instruments, imitated=imitated)
+    return outcome
 
 
 def _right_but_for_exponent(secret: Secret, answer: Diagnosis) -> bool:

@@ -1,6 +1,6 @@
-"""Effects outside the library that are hidden, in addition to the forms that the simulation has.
+"""Hidden effects outside the library, in addition to those of the simulation.
 
-They are declared in the scenario only, so that no search for effects knows them.
+Only a scenario declares them, so that no diagnosis knows them.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class OutsideForm:
     effect : Effect
         Its declaration.
     resembles : str or None
-        The library effect that becomes right with another exponent; None if there is none.
+        The library effect that is right with another exponent; None without one.
     exponent : str
-        The coefficient that then differs much from its declared value.
+        That exponent.
     """
 
     effect: Effect
@@ -135,5 +135,5 @@ def outside_forms() -> tuple[OutsideForm, ...]:
 
 
 def declared() -> dict[str, Effect]:
-    """Return the forms that the simulation does not have: a scenario must declare them."""
+    """Return the forms that the simulation lacks, which a scenario must declare."""
     return {form.effect.name: form.effect for form in _OWN if form.effect.name not in _SHIPPED}

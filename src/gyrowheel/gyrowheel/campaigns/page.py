@@ -1,4 +1,4 @@
-"""What a campaign came to: how often the finder was right, where it was not, and whether its numbers hold."""
+"""Campaign: rate of right answers, wrong answers, confusion, and coverage of the stated intervals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from gyrowheel.campaigns.judge import DATED, DETECTABLE, OUTCOMES
+from gyrowheel.blind_tests.judge import OUTCOMES
+from gyrowheel.campaigns.judge import DATED, DETECTABLE
 from gyrowheel.campaigns.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, covered
 from gyrowheel.show.layout import figures_table, heading, sentences, words_table
 from gyrowheel.show.quantities import fixed, seconds
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from gyrowheel.campaigns.summary import Summary
 
 _INDENT = (0, 0, 0, 2)
-#: What is hidden, in words.
+#: Kinds of cases in words.
 KINDS = {
     "none": "nothing",
     "single": "one effect",
@@ -37,18 +38,10 @@ _WORDS = {
 }
 
 
-def campaign_page(summary: Summary, title: str) -> Iterator[RenderableType]:
-    """Yield what a campaign came to, part by part.
-
-    Parameters
-    ----------
-    summary : Summary
-        The figures.
-    title : str
-        What was done, in one line.
-    """
+def campaign_page(summary: Summary) -> Iterator[RenderableType]:
+    """Yield the tables of a campaign, part by part."""
     done, asked = len(summary.cases), summary.asked
-    yield Text(title, style="bold")
+    yield Text(summary.title, style="bold")
     if done < asked:
         yield Text(
             f"interrupted: {done} of {asked} cases were finished; the figures are of these", style="yellow"
@@ -61,14 +54,14 @@ def campaign_page(summary: Summary, title: str) -> Iterator[RenderableType]:
     yield from sentences(_reality(summary))
     yield from _mistakes(summary)
     yield from _confusion(summary)
-    yield heading("Do the numbers hold?")
+    yield heading("Coverage of the intervals")
     if summary.intervals or summary.parameters:
         yield Padding(_coverage(summary), _INDENT)
     yield from sentences(_numbers(summary))
 
 
 def case_line(case: Judged) -> str:
-    """Return one case in a line: what was hidden, and what was answered."""
+    """Return one case in a line: hidden and answered."""
     return f"case {case.index}: hidden {hidden(case)}; answered {answered(case)}"
 
 
@@ -95,7 +88,7 @@ def _kinds(summary: Summary) -> Table:
 
 
 def _remarks(summary: Summary) -> Iterator[str]:
-    """Yield what the table does not say."""
+    """Yield remarks below the table."""
     if summary.of_kind("single") or summary.of_kind("pair"):
         yield f"≥ {DETECTABLE:g}×: at least {DETECTABLE:g} times the detection limit; exact, tied and wrong count these"
     if summary.of_kind("none"):
@@ -113,7 +106,7 @@ def _remarks(summary: Summary) -> Iterator[str]:
 
 
 def _reality(summary: Summary) -> Iterator[str]:
-    """Yield how instruments and events were found."""
+    """Yield the rates of found instruments and events."""
     wrong = sum(len(c.instruments_wrong) for c in summary.cases)
     if summary.instruments or wrong:
         seen = [i for i in summary.instruments if i.detectable]
@@ -148,7 +141,7 @@ def _mistakes(summary: Summary) -> Iterator[RenderableType]:
 
 
 def _confusion(summary: Summary) -> Iterator[RenderableType]:
-    """Yield what was answered for each truth; pairs are too many for a table and stand in the JSON."""
+    """Yield the answers for each truth; pairs are too many for a table: see the JSON."""
     single = [c for c in summary.cases if c.kind != "pair"]
     rows: dict[str, list[Judged]] = {}
     for case in single:
@@ -205,7 +198,7 @@ def _numbers(summary: Summary) -> Iterator[str]:
 
 
 def hidden(case: Judged) -> str:
-    """Return what was hidden in a case, each with its size in detection limits."""
+    """Return the hidden effects of a case, each with its size in detection limits."""
     names = [*case.truth, *([case.event.name] if case.event else []), *(i.name for i in case.instruments)]
     if not names:
         return "nothing"
@@ -217,7 +210,7 @@ def hidden(case: Judged) -> str:
 
 
 def answered(case: Judged) -> str:
-    """Return what was answered in a case."""
+    """Return the answer of a case."""
     if case.outcome == "failed":
         return case.error
     text = " + ".join(case.named + case.instruments_named) or _plain(case.verdict)

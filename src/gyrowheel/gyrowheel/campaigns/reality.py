@@ -1,6 +1,6 @@
-"""What a real room does to a recording: instruments that are not as stated, and events in the middle of it.
+"""Imperfect instruments, and events during a recording.
 
-Like all that hides, this is out of the finder's sight: the events are effects that only a scenario declares.
+The events are effects that only a scenario declares, so that no diagnosis knows them.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.parameter import INSTRUMENTS
 
 Shape = Literal["step", "trend", "burst"]
-#: How many instruments at once are not as stated, by the kind of a case: fewest and most.
+#: Smallest and largest number of wrong instruments, by the kind of a case.
 WRONG_AT_ONCE = {"none": (1, 3), "single": (0, 2), "pair": (0, 1), "outside": (0, 1), "event": (0, 1)}
-#: Largest realistic amounts of what is read from the samples themselves, over the noise of the reading.
+#: Largest resolution step and hum, over the noise of the reading.
 _STEPS, _HUM = 1.0, 0.5
 _JITTER = 5.0e-6  # s
 _CLOCK = 5.0e-5
-#: An event begins in this part of the recording; a trend or a burst lasts as long [s].
+#: Beginning of an event, as a fraction of the recording; duration of a trend or a burst [s].
 _BEGINS = (0.15, 0.8)
 _LASTS = {"trend": (20.0, 60.0), "burst": (6.0, 20.0)}
 
 _t = QUANTITIES["t"].symbol
 _A, _x, _y, _begin, _end = (sp.Symbol(name, real=True) for name in ("A", "A_x", "A_y", "t_0", "t_1"))
-#: What changes, from 0 to 1, by the time.
+#: Course of the change over time, from 0 to 1.
 _COURSES: dict[Shape, sp.Expr] = {
     "step": (1 + sp.sign(_t - _begin)) / 2,
     "trend": sp.Min(sp.Max((_t - _begin) / (_end - _begin), 0), 1),
@@ -43,7 +43,7 @@ _COURSES: dict[Shape, sp.Expr] = {
 
 @dataclass(frozen=True)
 class _Changed:
-    """Something that an event can change: target of the law, its unit, usual sizes, and what it is called."""
+    """A quantity that an event changes: target of the law, unit, usual sizes, and title."""
 
     target: str
     unit: str
@@ -61,7 +61,7 @@ _CHANGED = {
 
 @dataclass(frozen=True)
 class HiddenEvent:
-    """An event that is hidden in a recording.
+    """A hidden event.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class HiddenEvent:
     shape : str
         ``step``, ``trend`` (it grows from `begin` to `end` and stays) or ``burst``.
     begin, end : float
-        When it begins and ends [s]; a step does not end.
+        Beginning and end [s]; a step does not end.
     """
 
     name: str
@@ -121,7 +121,7 @@ _EVENTS: dict[str, tuple[Shape, Effect]] = {
 
 
 def events() -> dict[str, Effect]:
-    """Return the declarations of all events by name; a scenario that has one declares all, so that one plant serves."""
+    """Return the declarations of all events by name; a scenario declares all of them, so that one plant is compiled."""
     return {name: effect for name, (_, effect) in _EVENTS.items()}
 
 
@@ -133,7 +133,7 @@ def shape_of(name: str) -> Shape:
 def draw_event(
     bench: Bench, name: str, seconds: float, rng: np.random.Generator
 ) -> tuple[HiddenEvent, dict[str, float]]:
-    """Draw when an event happens in a recording of some length [s], and its coefficients."""
+    """Draw the time of an event in a recording of a length [s], and its coefficients."""
     shape, effect = _EVENTS[name]
     begin = float(rng.uniform(*_BEGINS)) * seconds
     end = math.inf
@@ -171,20 +171,20 @@ def draw_wrong(
     rng: np.random.Generator,
     turn: Callable[[tuple[str, ...]], str],
 ) -> EffectValues:
-    """Draw instruments that are not as stated, several at once.
+    """Draw wrong instruments.
 
     Parameters
     ----------
     bench : Bench
         The bench as its file describes it.
     kind : str
-        Kind of the case; it decides how many there may be.
+        Kind of the case, which limits their number.
     stated : dict
-        Parameters of the instruments to which what is wrong is added.
+        Parameters of the instruments, to which the errors are added.
     rng : Generator
         Source of chance.
     turn : callable
-        Gives the first one of the names: each has its turn.
+        Returns the first of the names: each in turn.
     """
     known = {name: e for name, e in registry().items() if e.category == "instrument"}
     fewest, most = WRONG_AT_ONCE[kind]
@@ -198,7 +198,7 @@ def draw_wrong(
     for name in chosen:
         values: dict[str, Any] = draw_effect(for_bench(known[name], bench), rng)
         if name.endswith("_delay"):
-            # nothing is read before the interval that the stamp begins
+            # no reading is earlier than the sample interval of its stamp
             values["d"] = max(values["d"], -bench.sample_period - stated.get(name, 0.0))
         result[name] = values
     return result

@@ -1,52 +1,43 @@
-"""The report of a campaign: how often the finder was right, where it was not, and whether its numbers hold."""
+"""The report of a campaign: one page of HTML."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from markupsafe import Markup
 
-from gyrowheel.campaigns.judge import DETECTABLE, OUTCOMES
+from gyrowheel.blind_tests.judge import OUTCOMES
+from gyrowheel.campaigns.judge import DETECTABLE
 from gyrowheel.campaigns.page import KINDS, answered, hidden, rate_words
-from gyrowheel.campaigns.summary import LEVELS, Rate
+from gyrowheel.campaigns.summary import LEVELS, Rate, Summary
 from gyrowheel.show.cells import Cells
-from gyrowheel.show.files import REPORT_MARKS
-from gyrowheel.show.html import embedded, environment, style_sheet
+from gyrowheel.show.html import REPORT_MARKS, embedded, environment, style_sheet
 from gyrowheel_core.files import write_text
 from gyrowheel_core.units import Unit
-
-if TYPE_CHECKING:
-    from gyrowheel.campaigns.result import CampaignResult
 
 _COUNT, _PERCENT = Unit("", 1.0), Unit("%", 1e-2)
 
 
-def campaign_content(result: CampaignResult) -> dict[str, Any]:
-    """Return all numbers of the page: the statistics as ``gyrowheel campaign --json`` has them, and every case."""
-    return {
-        "schema": 1,
-        "title": result.title,
-        "campaign": result.to_dict(),
-        "cases": [case.to_json() for case in result.cases],
-    }
-
-
-def campaign_page(result: CampaignResult, command: str) -> str:
+def campaign_report(summary: Summary, command: str) -> str:
     """Return a campaign as one page of HTML that needs no network and runs no script.
 
     Parameters
     ----------
-    result : CampaignResult
+    summary : Summary
         The campaign.
     command : str
-        What to type for the same.
+        Command that repeats the campaign.
     """
-    content = campaign_content(result)
+    content: dict[str, Any] = {
+        "schema": 1,
+        "title": summary.title,
+        "campaign": summary.to_json(),
+        "cases": [case.to_json() for case in summary.cases],
+    }
     cells = Cells(content)
-    summary = result.details
-    wrong = [(k, case) for k, case in enumerate(result.cases) if not case.right]
+    wrong = [(k, case) for k, case in enumerate(summary.cases) if not case.right]
     return (
         environment("gyrowheel.campaigns")
         .get_template("campaign.html")
@@ -56,10 +47,10 @@ def campaign_page(result: CampaignResult, command: str) -> str:
             title=cells.words("title"),
             done=_count(cells, "campaign.cases"),
             asked=_count(cells, "campaign.asked"),
-            right=len(result.cases) - len(wrong),
+            right=len(summary.cases) - len(wrong),
             mood="good" if not wrong else "found",
             detectable=f"{DETECTABLE:g}",
-            kinds=list(_kinds(result, cells)),
+            kinds=list(_kinds(summary, cells)),
             wrong=[
                 {
                     "index": _count(cells, f"cases.{k}.case"),
@@ -98,14 +89,13 @@ def campaign_page(result: CampaignResult, command: str) -> str:
     )
 
 
-def save_campaign(result: CampaignResult, file: Path, command: str) -> None:
+def save_campaign(summary: Summary, file: Path, command: str) -> None:
     """Write the page; a failure leaves the old file."""
-    write_text(file, campaign_page(result, command))
+    write_text(file, campaign_report(summary, command))
 
 
-def _kinds(result: CampaignResult, cells: Cells) -> Any:
-    """Yield the rows of what was hidden: counts, and the rate of right answers with its interval."""
-    summary = result.details
+def _kinds(summary: Summary, cells: Cells) -> Any:
+    """Yield a row for each kind of case: counts, and the rate of right answers with its interval."""
     for kind, words in KINDS.items():
         cases = summary.of_kind(kind)
         if not cases:
@@ -142,6 +132,6 @@ def _count(cells: Cells, place: str) -> Markup:
 
 
 def _part(cells: Cells, place: str, level: str) -> Markup:
-    # a level has a point in its name, which a place cannot have
+    # the name of a level contains a point, which separates the parts of a place
     value = cells.at(place)[level]
     return Markup('<span data-how="{}">{}</span>').format(f"{place}[{level}]", f"{100.0 * value:.1f} %")

@@ -11,11 +11,11 @@ from typing import Any
 
 from gyrowheel.campaigns.judge import EventJudged, InstrumentJudged, Interval, Judged
 
-#: Levels at which the stated intervals are checked.
+#: Confidence levels at which the intervals are checked.
 LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
-#: An error on an unused recording counts as fallen to the noise up to this many noise floors ...
+#: Noise floors up to which an error on a validation recording counts as noise ...
 WITHIN_FLOOR = 1.2
-#: ... and with a formula proposed for something unknown up to this many.
+#: ... and with a formula that was proposed for an unknown effect.
 WITHIN_FORMULA = 1.5
 
 
@@ -54,16 +54,24 @@ class Summary:
         Number of cases requested.
     cases : tuple of Judged
         The finished cases, by number.
+    title : str
+        Plan, seed and variations.
+    interrupted : bool
+        Whether Ctrl-C ended it; the finished cases count.
     """
 
     seed: int
     asked: int
     cases: tuple[Judged, ...]
+    title: str = ""
+    interrupted: bool = False
 
     @classmethod
-    def of(cls, seed: int, asked: int, cases: Iterable[Judged]) -> Summary:
+    def counted(
+        cls, seed: int, asked: int, cases: Iterable[Judged], title: str = "", *, interrupted: bool = False
+    ) -> Summary:
         """Return the summary of finished cases, in any order."""
-        return cls(seed, asked, tuple(sorted(cases, key=lambda c: c.index)))
+        return cls(seed, asked, tuple(sorted(cases, key=lambda c: c.index)), title, interrupted)
 
     def of_kind(self, kind: str) -> list[Judged]:
         """Return the cases of a kind."""
@@ -71,9 +79,9 @@ class Summary:
 
     @property
     def false_alarms(self) -> Rate:
-        """Cases with nothing hidden in which something was found.
+        """Cases without a hidden effect in which one was found.
 
-        Where instruments are not as stated, an effect that ties with one that is wrong is none.
+        An effect that ties with a wrong instrument is no false alarm.
         """
         none = self.of_kind("none")
         fine = {"exact", "missed", "tied", "tied_without_test"}
@@ -81,16 +89,16 @@ class Summary:
 
     @property
     def instruments(self) -> list[InstrumentJudged]:
-        """All instruments that were not as stated."""
+        """All wrong instruments."""
         return [i for c in self.cases for i in c.instruments]
 
     @property
     def events(self) -> list[EventJudged]:
-        """All events that were hidden."""
+        """All hidden events."""
         return [c.event for c in self.cases if c.event is not None]
 
     def detectable(self, kind: str) -> list[Judged]:
-        """Return the cases of a kind in which everything is detectable."""
+        """Return the detectable cases of a kind."""
         return [c for c in self.of_kind(kind) if c.detectable]
 
     def outcomes(self, cases: Iterable[Judged]) -> Counter[str]:
@@ -99,17 +107,17 @@ class Summary:
 
     @property
     def intervals(self) -> list[Interval]:
-        """All coefficients of effects that were named rightly."""
+        """All coefficients of rightly named effects."""
         return [i for c in self.cases for i in c.intervals]
 
     @property
     def parameters(self) -> list[Interval]:
-        """All fitted bench parameters of the cases in which exactly the truth was named."""
+        """All fitted bench parameters of the exactly named cases."""
         return [i for c in self.cases for i in c.parameters]
 
     @property
     def validated(self) -> Rate:
-        """Exactly named cases whose error on an unused recording falls to the noise."""
+        """Exactly named cases whose error on the validation recording falls to the noise."""
         errors = [
             c.validation for c in self.cases if c.truth and c.outcome == "exact" and c.validation is not None
         ]
@@ -117,7 +125,7 @@ class Summary:
 
     @property
     def formulas_validated(self) -> Rate:
-        """Cases rightly called unknown whose error falls to the noise with the proposed formula."""
+        """Cases rightly called unknown, whose error falls to the noise with the proposed formula."""
         errors = [
             c.validation
             for c in self.of_kind("outside")
@@ -127,7 +135,7 @@ class Summary:
 
     @property
     def median_seconds(self) -> float:
-        """Median time of a diagnosis [s]; NaN if there is none."""
+        """Median duration of a diagnosis [s]; NaN without one."""
         seconds = [c.seconds for c in self.cases if not math.isnan(c.seconds)]
         return statistics.median(seconds) if seconds else math.nan
 
@@ -177,7 +185,7 @@ class Summary:
     def _reality(self) -> dict[str, Any]:
         """Return the counts of instruments and events, if there were any.
 
-        Named, tied and wrong are among the detectable and add up to them, and so do dated and missed.
+        Named, tied and wrong add up to the detectable instruments, dated and missed to the detectable events.
         """
         result: dict[str, Any] = {}
         wrong = [name for c in self.cases for name in c.instruments_wrong]
@@ -204,7 +212,7 @@ class Summary:
         return result
 
     def _found(self, kind: str) -> dict[str, Any]:
-        """Return the counts of a kind; exact, tied and wrong are among the detectable and add up to them."""
+        """Return the counts of a kind; exact, tied and wrong add up to the detectable cases."""
         seen = self.detectable(kind)
         how = self.outcomes(seen)
         below = self.outcomes(c for c in self.of_kind(kind) if not c.detectable)

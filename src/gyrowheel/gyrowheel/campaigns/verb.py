@@ -10,13 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gyrowheel.cli.console import INTERRUPTED, notes, put_json, put_text
+from gyrowheel.cli.console import INTERRUPTED, notes, put, put_json
 from gyrowheel.cli.options import BenchName, Json, example
-from gyrowheel.cli.outputs import CASE_LIST
+from gyrowheel.cli.outputs import Output, json_content
 from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
 
 if TYPE_CHECKING:
     from gyrowheel.campaigns.judge import Judged
+
+
+def _is_case_list(path: Path) -> bool:
+    content = json_content(path)
+    return isinstance(content, list) and all(
+        isinstance(item, dict) and {"case", "truth", "verdict", "outcome"} <= item.keys() for item in content
+    )
+
+
+_CASE_LIST = Output("an earlier list of cases", _is_case_list)
 
 
 def register(app: typer.Typer) -> None:
@@ -110,23 +120,23 @@ def campaign(
     list_file: Annotated[
         Path | None,
         typer.Option("--list", metavar="FILE", help="Write every case as JSON here.", show_default=False),
-        CASE_LIST,
+        _CASE_LIST,
     ] = None,
     bench: BenchName = "gyrowheel",
     json: Json = None,
 ) -> None:
     """Test the diagnosis on many blind cases, each judged by its key.
 
-    Each case is a machine of its own: parameters within their uncertainties,
-    noise, drift and controller varied, and hidden in it nothing, one effect,
-    two, or one that no library has, 1 to 10 times as large as the detection
-    limit of the plan. With --reality instruments are not as the bench file
-    states them, and events happen. Ctrl-C ends it and reports the cases that
-    were finished; --resume goes on with the others, after a kill too.
+    Each case is another machine: parameters are drawn within their
+    uncertainties, noise, drift and controller vary, and it hides no effect, one,
+    two, or one outside the library, 1 to 10 times as large as the detection limit
+    of the plan. With --reality instruments differ from the bench file, and events
+    happen. Ctrl-C ends the campaign and reports the finished cases; --resume
+    continues with the others, also after a kill.
     """
     from gyrowheel.campaigns.api import campaign as run
     from gyrowheel.campaigns.api import settings_of
-    from gyrowheel.campaigns.page import campaign_page, case_line
+    from gyrowheel.campaigns.page import case_line
     from gyrowheel.campaigns.workers import one_at_a_time
 
     folder = place_of(output, resume, "campaign")
@@ -173,12 +183,9 @@ def campaign(
 
     report = folder / "report.html"
     save_campaign(result, report, _command(settings))
-    if json is not None:
-        put_json(json, result.to_dict())
     if list_file is not None:
         put_json(str(list_file), [case.to_json() for case in result.cases])
-    if json != "-":
-        put_text(campaign_page(result.details, result.title))
+    put(result, json)
     notes().print(f"report: {report}", soft_wrap=True)
     if result.interrupted:
         notes().print(f"to go on: {again}", soft_wrap=True)
@@ -186,7 +193,7 @@ def campaign(
 
 
 def _command(settings: Mapping[str, Any]) -> str:
-    """Return what to type for the same cases."""
+    """Return the command that repeats the campaign."""
     words = ["gyrowheel", "campaign"]
     for name, value in settings.items():
         option = f"--{name.replace('_', '-')}"
@@ -205,7 +212,7 @@ def _command(settings: Mapping[str, Any]) -> str:
 
 @contextlib.contextmanager
 def _counting() -> Iterator[tuple[Callable[[int, int, int], None], Callable[[str], None]]]:
-    """Show on stderr how many cases are done and how many are wrong; a line every tenth where there is no terminal."""
+    """Show on stderr the numbers of finished and wrong cases; a line every tenth without a terminal."""
     console = notes()
 
     def say(text: str) -> None:

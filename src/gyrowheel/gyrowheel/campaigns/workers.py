@@ -1,21 +1,92 @@
-"""Workers that run the cases: this process, several processes of this machine, or a Dask cluster."""
+"""One case from beginning to end, and the workers that run the cases: processes of this machine, or a Dask cluster."""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import tempfile
+import traceback
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from gyrowheel.campaigns.cases import Case
-from gyrowheel.campaigns.job import run_case
-from gyrowheel.campaigns.judge import Judged
+from gyrowheel.campaigns.finder import find
+from gyrowheel.campaigns.hidden import Secret, hide, record, yardstick
+from gyrowheel.campaigns.judge import Judged, failed, judge
+from gyrowheel.show.contract import diagnosis_json
+from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import InputError, one_line
+from gyrowheel_core.files import disk_errors, json_text, temporary_path, write_text
 from gyrowheel_core.processes import end_with, hindrance
 
 _CONNECT = 20.0  # s
+
+
+def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:
+    """Simulate a case, diagnose it, and judge the answer.
+
+    Parameters
+    ----------
+    case : Case
+        The case; it determines the result completely.
+    keep : str, optional
+        Existing folder that keeps recordings, key and diagnosis, in a folder for each case.
+    scratch : str, optional
+        Existing folder for temporary files; that of the system if not given.
+
+    Raises
+    ------
+    InputError
+        If recordings cannot be written.
+    MemoryError, OSError
+        If the machine lacks something.
+    """
+    # not undone: several threads of one worker may run cases, and all need this limit
+    threadpool_limits(limits=1, user_api="blas")
+    campaign = case.campaign
+    secret = hide(case, yardstick(campaign.bench, campaign.plan))
+    folder = Path(tempfile.mkdtemp(prefix=f"case-{case.index}-", dir=scratch))
+    try:
+        recording, unused = folder / "recording", folder / "unused"
+        record(case, secret, campaign.plan, 0, recording)
+        record(case, secret, campaign.validation_plan, 1, unused)
+        judged = _answered(case, secret, recording, unused, folder)
+        if keep is not None:
+            write_text(folder / "key.json", json_text(secret.to_json()), private=True)
+            _move(folder, kept_case(keep, case.index))
+        return judged
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def kept_case(keep: str | Path, index: int) -> Path:
+    """Return the folder in which a case is kept."""
+    return Path(keep) / f"case-{index:04d}"
+
+
+def _answered(case: Case, secret: Secret, recording: Path, unused: Path, folder: Path) -> Judged:
+    try:
+        answer = find(recording, unused, Model(case.campaign.bench))
+    except (MemoryError, OSError):  # of the computer, and no wrong answer: the campaign can be resumed
+        raise
+    except Exception as error:  # one failed case must not end the others
+        write_text(folder / "error.txt", traceback.format_exc())
+        return failed(case, secret, f"{type(error).__name__}: {one_line(error)}")
+    write_text(folder / "diagnosis.json", json_text(diagnosis_json(answer)))
+    return judge(case, secret, answer)
+
+
+def _move(folder: Path, target: Path) -> None:
+    """Copy a folder to a place where it appears as a whole."""
+    with disk_errors(target), temporary_path(target, folder=True, mode=0o700) as (place, _):
+        shutil.copytree(folder, place / target.name)
+        shutil.rmtree(target, ignore_errors=True)  # of this case, before the campaign was interrupted
+        os.replace(place / target.name, target)
 
 
 def cores() -> int:
@@ -28,18 +99,18 @@ def cores() -> int:
 
 
 def one_at_a_time() -> str:
-    """Return in a line that this machine can run one case at a time only, and why; empty where it is not so."""
+    """Return why this machine can run only one case at a time; empty if it can run several."""
     why = hindrance()
     return f"one case at a time: {why}" if why else ""
 
 
 def check_jobs(jobs: int) -> None:
-    """Refuse a number of processes that is none.
+    """Refuse an impossible number of processes.
 
     Raises
     ------
     InputError
-        If it is less than one, or more where several processes cannot work together.
+        If it is less than one, or more than one where processes cannot share work.
     """
     if jobs < 1:
         raise InputError(f"jobs: {jobs} is out of range; allowed: >= 1")
@@ -74,7 +145,7 @@ def judged_cases(
     Raises
     ------
     InputError
-        If there are no jobs, Dask is not installed, or the scheduler does not answer.
+        If `jobs` is impossible, Dask is not installed, or the scheduler does not answer.
     """
     check_jobs(jobs)
     if not cases:
@@ -106,7 +177,7 @@ def _in_processes(
         _ended(get_reusable_executor),
         joblib.parallel_config("loky", inner_max_num_threads=1),
     ):
-        # the workers inherit what is blocked here: Ctrl-C is for this process, which then ends them
+        # the workers inherit the blocked signal: Ctrl-C reaches this process alone, which then ends them
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             results = parallel(joblib.delayed(_one)(case, keep, place, os.getpid()) for case in cases)
@@ -118,7 +189,7 @@ def _in_processes(
 
 @contextlib.contextmanager
 def _told() -> Iterator[None]:
-    """Tell of a worker that was killed, as the machine does where its memory does not suffice."""
+    """Report a worker that was killed, as the kernel does when memory is short."""
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
     try:
@@ -137,7 +208,7 @@ def _one(case: Case, keep: str | None, scratch: str, campaign: int) -> Judged:
 
 @contextlib.contextmanager
 def _ended(executor: Any) -> Iterator[None]:
-    """End the workers at the end of the block, whatever they are doing."""
+    """Kill the workers at the end of the block."""
     try:
         yield
     finally:

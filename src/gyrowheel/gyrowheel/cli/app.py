@@ -41,7 +41,7 @@ app = typer.Typer(
     help="Test bench of a gyroscopic wheel: run it, compare recordings with the model, find what the model lacks.",
     epilog=(
         "Exit codes: 0 success, 1 a finding that you asked to fail on, 2 bad input, 3 a node of the bench failed, "
-        "70 a defect of the program, 130 interrupted."
+        "70 an internal error, 130 interrupted."
     ),
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,

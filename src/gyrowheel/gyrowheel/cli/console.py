@@ -1,4 +1,4 @@
-"""What all verbs share: exit codes, one-line errors, consoles, progress and JSON results."""
+"""Shared by all verbs: exit codes, one-line errors, consoles, progress, results."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
     from gyrowheel.show.result import Shown
 
 
-OK, FINDING, BAD_INPUT, NODE_FAILED, DEFECT, INTERRUPTED = 0, 1, 2, 3, 70, 130
-#: Nobody reads the output any more: as of a process that SIGPIPE ended, so that no script takes it for a result.
+OK, FINDING, BAD_INPUT, NODE_FAILED, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 70, 130
+#: The reader of the output has closed it: the code of a process ended by SIGPIPE, which no script takes for a result.
 CUT_OFF = 141
 
-#: How limits of values, and kinds of numbers, are told.
+#: Words for limits of values and kinds of numbers.
 _LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 _NUMBERS = {"int": "whole numbers", "float": "numbers"}
 _BLIND = "--blind"
 _TRAILING = re.compile(r" +$", re.MULTILINE)
 
-#: A line about what is being done.
+#: Shows a line of progress.
 Say = Callable[[str], None]
-#: The part that is done, 0 .. 1.
+#: Shows the fraction done, 0 .. 1.
 Fraction = Callable[[float], None]
 
 
 def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code; errors of the user become one line on stderr."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    # of numbers that overflow where readings are absurd: what comes of it is in the result
+    # of overflows from absurd readings: the result shows the consequence
     warnings.filterwarnings("ignore", category=RuntimeWarning)
     _open_standard_streams()
     try:
@@ -70,13 +70,13 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
         return _failed(error)
 
 
-@functools.cache  # typer makes all verbs anew for every call
+@functools.cache  # typer builds all verbs for every call
 def _command(app: typer.Typer) -> typer.core.TyperCommand | typer.core.TyperGroup:
     return cast("typer.core.TyperCommand | typer.core.TyperGroup", typer.main.get_command(app))
 
 
 def _cut_off() -> int:
-    """Whoever read the output has had enough: what is left in the buffer has nowhere to go."""
+    """Discard the buffers, after the reader of the output has closed it."""
     for number, stream in ((1, sys.stdout), (2, sys.stderr)):
         try:
             stream.flush()
@@ -86,10 +86,7 @@ def _cut_off() -> int:
 
 
 def _tell(line: str) -> None:
-    """Write a line to stderr; where it takes none, the exit code alone tells.
-
-    An error here would end the process with 1, which is a finding.
-    """
+    """Write a line to stderr; ignore a closed stderr, as an error would end the process with 1, a finding."""
     try:
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
@@ -98,14 +95,14 @@ def _tell(line: str) -> None:
 
 
 def _drop(number: int) -> None:
-    """Let what is left in the buffer of a standard stream go nowhere, so that the end of the process does not fail."""
+    """Redirect a standard stream to nowhere, so that flushing it at exit does not fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, number)
     os.close(nowhere)
 
 
 def _open_standard_streams() -> None:
-    """Open those that are closed: else the next file takes the place of one, and what is printed goes into it."""
+    """Open closed standard streams: else the next file takes the number of one, and output goes into it."""
     for number, name, way in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         with contextlib.suppress(OSError):
             os.fstat(number)
@@ -119,20 +116,20 @@ def _open_standard_streams() -> None:
 
 
 def _failed(error: Exception) -> int:
-    """Tell of an error that is none of the user, and return its exit code."""
-    # the module is heavy: where it was not imported, nothing of it can have been raised
+    """Report an error that the user did not cause, and return its exit code."""
+    # the module is heavy: without its import there is no such error
     graph = sys.modules.get("gyrowheel_bringup.graph")
     if graph is not None and isinstance(error, graph.GraphError):
-        # it may quote the names that other nodes of the network have
+        # it may quote names of foreign nodes on the network
         for line in (f"error: {one_line(error)}", *error.report.splitlines()):
             _tell(printable(line))
         return NODE_FAILED
-    from gyrowheel.cli.internal_errors import defect, machine_error
+    from gyrowheel.cli.internal_errors import internal_error, machine_error
 
     if (said := machine_error(error)) is not None:
         return _bad_input(said)
-    _tell(f"error: {defect(error)}")
-    return DEFECT
+    _tell(f"error: {internal_error(error)}")
+    return INTERNAL_ERROR
 
 
 def finding(asked: bool) -> None:
@@ -149,12 +146,12 @@ def out() -> Console:
 
 @functools.cache
 def notes() -> Console:
-    """Return the console of everything else."""
+    """Return the console of progress and messages."""
     return _console(stderr=True)
 
 
 def warn_of(setup: Sequence[Any]) -> None:
-    """Say on stderr in one line that the setup of a recording is wrong, if it is."""
+    """Warn on stderr of a wrong setup of a recording."""
     if setup:
         from gyrowheel.show.sentences.setup import setup_line
 
@@ -200,14 +197,14 @@ def put(
 
 
 def put_text(parts: Iterable[RenderableType]) -> None:
-    """Write a result for people to stdout."""
+    """Write a page to stdout."""
     from gyrowheel.show.layout import show
 
     show(out(), parts)
 
 
 def put_json(target: str, content: Any) -> None:
-    """Write a result as JSON: to a file that is whole or as it was, or to stdout for ``-``.
+    """Write a result as JSON: to a file, atomically, or to stdout for ``-``.
 
     Raises
     ------
@@ -224,16 +221,16 @@ def put_json(target: str, content: Any) -> None:
 
 
 def put_picture(path: Path | None, draw: Callable[[], Any], *, quiet: bool = False) -> None:
-    """Write a picture where one was asked for, and say where it is.
+    """Write a picture if one was requested, and print its path.
 
     Parameters
     ----------
     path : Path or None
-        The file; nothing is drawn without one.
+        The file; without one nothing is drawn.
     draw : callable
-        Makes the matplotlib figure.
+        Returns the matplotlib figure.
     quiet : bool
-        Whether stdout must hold nothing but JSON.
+        Whether stdout has JSON only.
 
     Raises
     ------
@@ -251,12 +248,12 @@ def put_picture(path: Path | None, draw: Callable[[], Any], *, quiet: bool = Fal
 
 @contextlib.contextmanager
 def editing(file: Path) -> Iterator[None]:
-    """Keep other processes from changing a file from its reading to its writing; say so if there is need to wait.
+    """Lock a file against other processes from reading to writing; report if it has to wait.
 
     Raises
     ------
     InputError
-        If another process does not end with it, or it cannot be written.
+        If another process does not release it, or it cannot be written.
     """
     from gyrowheel.show.files import changing
 
@@ -264,9 +261,44 @@ def editing(file: Path) -> Iterator[None]:
         yield
 
 
+class Tour:
+    """Shows the steps of a verb one after another.
+
+    Parameters
+    ----------
+    json : str or None
+        Value of ``--json``; with ``-`` the tour goes to stderr.
+    """
+
+    def __init__(self, json: str | None) -> None:
+        self._console = notes() if json == "-" else out()
+        self._number = 0
+
+    def step(self, title: str) -> None:
+        """Begin the next step."""
+        from rich.text import Text
+
+        self._number += 1
+        self._console.print(
+            Text.assemble("\n", (f" {self._number} ", "bold reverse"), (f" {title}\n", "bold"))
+        )
+
+    def show(self, parts: Iterable[RenderableType]) -> None:
+        """Show a result of the current step."""
+        from gyrowheel.show.layout import show
+
+        show(self._console, parts)
+
+    def say(self, text: str, *, style: str = "") -> None:
+        """Show a sentence of the current step."""
+        from rich.text import Text
+
+        self.show([Text(text, style=style)])
+
+
 @contextlib.contextmanager
 def working(first: str) -> Iterator[Say]:
-    """Show on stderr what is being done: one changing line on a terminal, a line each elsewhere."""
+    """Show the steps of a calculation on stderr: one changing line on a terminal, else a line for each."""
     console = notes()
     if not console.is_terminal:
         console.print(first, soft_wrap=True)
@@ -278,7 +310,7 @@ def working(first: str) -> Iterator[Say]:
 
 @contextlib.contextmanager
 def advancing(title: str) -> Iterator[Fraction]:
-    """Show on stderr how far something is: a bar on a terminal, a line every quarter elsewhere."""
+    """Show progress on stderr: a bar on a terminal, else a line for each quarter."""
     console = notes()
     if not console.is_terminal:
         shown = 0
@@ -301,8 +333,8 @@ def advancing(title: str) -> Iterator[Fraction]:
 
 
 def _refuse_empty(given: Sequence[str]) -> None:
-    """Refuse an option with an empty text, as an unset variable of a shell gives; a path would make a folder of it."""
-    if given and given[0] == "run":  # whose arguments are those of a node
+    """Refuse an empty value, as of an unset shell variable; it would become the path of the working directory."""
+    if given and given[0] == "run":  # its arguments are those of a node
         return
     for before, text in itertools.pairwise(["", *given]):
         option = before if not text else text.removesuffix("=")
@@ -311,7 +343,7 @@ def _refuse_empty(given: Sequence[str]) -> None:
 
 
 def _with_key(given: list[str]) -> list[str]:
-    """Return the arguments with the name of a new key file behind a ``--blind`` that has none."""
+    """Return the arguments with the name of a new key file after a ``--blind`` without one."""
     if not given or given[0] == "run" or _BLIND not in given:
         return given
     after = given.index(_BLIND) + 1
@@ -342,7 +374,7 @@ def _usage(error: typer.TyperException) -> int:
 
 
 def _value_message(error: typer.TyperException) -> str:
-    """Return what is wrong with a value, and what is allowed; empty where the error is of another kind."""
+    """Return the message about a value out of its range; empty for any other error."""
     found = getattr(error.__cause__, "errors", None)
     parameter = getattr(error, "param", None)
     if found is None or parameter is None:
@@ -357,14 +389,14 @@ def _value_message(error: typer.TyperException) -> str:
 
 
 class _Trimmed:
-    """A file in which no line ends with spaces: rich fills tables up to the width of the terminal."""
+    """A file that strips trailing spaces: rich pads tables to the width of the terminal."""
 
     def __init__(self, *, stderr: bool) -> None:
         self._stderr = stderr
 
     @property
     def _stream(self) -> TextIO:
-        """The stream as it is now: others may put another one in its place."""
+        """The current stream, which may be replaced at any time."""
         return sys.stderr if self._stderr else sys.stdout
 
     def write(self, text: str) -> int:
@@ -380,7 +412,7 @@ def _console(*, stderr: bool) -> Console:
 
     from gyrowheel.show.layout import readable
 
-    # paths and texts of users may hold what rich takes for markup
+    # paths and texts of users may look like markup of rich
     trimmed = _Trimmed(stderr=stderr)
     file = None if trimmed.isatty() else cast(IO[str], trimmed)
     console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)

@@ -1,4 +1,4 @@
-"""What nobody foresaw: an exception that is no error of the user becomes one line and a report without their data."""
+"""Internal errors: an unforeseen exception becomes one line, and a report without data of the user."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _LONGEST = 300  # characters of what an exception says
 
 
 def machine_error(error: BaseException) -> str | None:
-    """Return what is wrong with the machine or a path, if that is what an exception says; None for any other."""
+    """Return the message for an error of the machine or of a path; None for any other exception."""
     for cause in _causes(error):
         if isinstance(cause, MemoryError):
             return f"not enough memory{f': {one_line(cause)}' if str(cause) else ''}"
@@ -51,19 +51,22 @@ def machine_error(error: BaseException) -> str | None:
     return None
 
 
-def defect(error: BaseException) -> str:
-    """Return the line about a defect of the program; its details go into a file, whose name the line ends with."""
+def internal_error(error: BaseException) -> str:
+    """Return the line about an error of the program itself; details go into a file, whose name ends the line."""
     said = printable(one_line(error))
     said = said if len(said) <= _LONGEST else f"{said[:_LONGEST]}..."
     kind = type(error).__name__
-    line = f"this is a defect in gyrowheel: {kind if said == kind else f'{kind}: {said}'}"
+    line = f"internal error in gyrowheel: {kind if said == kind else f'{kind}: {said}'}"
     place = _kept(_report(error))
     return f"{line}; details in {place}" if place else f"{line}; no file could be written for its details"
 
 
 def _report(error: BaseException) -> str:
-    """Return where an exception came from: no arguments, values, messages or texts of it, which may be the user's."""
-    lines = ["A defect in gyrowheel. No data, file names or arguments of yours are in this report.", ""]
+    """Return the origin of an exception without arguments, values and messages, which may be data of the user."""
+    lines = [
+        "An internal error in gyrowheel. This report contains no data, file names or arguments of the user.",
+        "",
+    ]
     for cause in reversed(list(_causes(error))):
         lines.append(f"{type(cause).__module__}.{type(cause).__qualname__}")
         lines += [f"  {place}" for place in _places(cause.__traceback__)]
@@ -77,7 +80,7 @@ def _report(error: BaseException) -> str:
 
 
 def _causes(error: BaseException) -> Iterator[BaseException]:
-    """Yield an exception and those that led to it, the last one first."""
+    """Yield an exception and its causes, the last one first."""
     seen: set[int] = set()
     current: BaseException | None = error
     while current is not None and id(current) not in seen:
@@ -87,7 +90,7 @@ def _causes(error: BaseException) -> Iterator[BaseException]:
 
 
 def _places(at: TracebackType | None) -> Iterator[str]:
-    """Yield the places that an exception passed, by module and line; code of the user's own has no name here."""
+    """Yield the frames of a traceback by module and line; modules of other packages are not named."""
     for frame, line in traceback.walk_tb(at):
         module = str(frame.f_globals.get("__name__", "?"))
         known = module == "__main__" or module.partition(".")[0] in {*_PACKAGES, *sys.stdlib_module_names}

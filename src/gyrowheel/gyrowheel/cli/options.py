@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
 import typer
 
 from gyrowheel.cli.outputs import JSON_RESULT, PICTURE, NewRecording
+from gyrowheel_core.errors import InputError
+
+_STEPS = 6  # of a range of numbers without a step
+_MOST = 1000  # steps of a range of numbers
 
 Json: TypeAlias = Annotated[
     str | None,
@@ -140,5 +145,39 @@ Mixed: TypeAlias = Annotated[
 
 
 def example(text: str) -> str:
-    """Return the end of a help text: one good example."""
+    """Return the epilog of a help text: one example."""
     return f"Example: [cyan]{text}[/cyan]"
+
+
+def numbers(text: str, option: str) -> list[float]:
+    """Return the numbers of ``3``, ``1,2,3``, ``0..5`` or ``0..5:0.5``.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    option : str
+        Its option, for errors.
+
+    Raises
+    ------
+    InputError
+        If it is no list of numbers.
+    """
+    wanted = f"{option}: '{text}' is no list of numbers; allowed: 3, or 1,2,3, or 0..5, or 0..5:0.5"
+    try:
+        ends, _, step = text.partition(":")
+        first, dots, last = ends.partition("..")
+        if not dots:
+            values = [float(part) for part in text.split(",")]
+        else:
+            low, high = float(first), float(last)
+            by = float(step) if step else (high - low) / _STEPS
+            if not by * (high - low) > 0.0 or (high - low) / by > _MOST:
+                raise InputError(wanted)
+            values = [low + k * by for k in range(math.floor((high - low) / by + 1e-9) + 1)]
+    except ValueError:
+        raise InputError(wanted) from None
+    if not all(math.isfinite(value) for value in values):
+        raise InputError(wanted)
+    return values

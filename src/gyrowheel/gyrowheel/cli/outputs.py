@@ -1,7 +1,7 @@
-"""Files that a command writes: checked before the work begins, and never overwriting anything else.
+"""Files that a command writes: checked before the work begins.
 
-A file that exists is replaced if it is plainly an earlier output of the same kind, so that a command can be repeated;
-an input of the command, a file of another kind and whatever lies in a recording stay as they are.
+An existing file is replaced only if it is an earlier output of the same kind, so that a command can be repeated.
+An input of the command, a file of another kind and anything within a recording are never overwritten.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from gyrowheel.show.files import is_exported_map, is_exported_table, is_report, require_writable
+from gyrowheel.show.files import is_exported_map, is_exported_table, require_writable
 from gyrowheel_core.errors import InputError
 
 _METADATA = "metadata.yaml"
 _BAGS = ("*.mcap", "*.db3")
-_LONGEST = 50_000_000  # characters of a JSON file that may be one of ours
+_LONGEST = 50_000_000  # characters of a JSON file that this program may have written
 _TORQUE_TABLE = {"schema", "rows"}  # the fields of its file
 
 
@@ -34,11 +34,11 @@ class Output:
     Attributes
     ----------
     what : str
-        What is written, for errors.
+        Kind of the file, for errors.
     earlier : callable
-        Whether a file that is there is plainly an earlier output of this kind.
+        Tells whether an existing file is an earlier output of this kind.
     suffixes : tuple of str
-        Endings that its name may have; any if empty.
+        Allowed endings of its name; any if empty.
     """
 
     what: str
@@ -48,7 +48,7 @@ class Output:
 
 @dataclass(frozen=True)
 class NewRecording:
-    """Marks a parameter of a verb as the directory of a recording that it makes."""
+    """Marks a parameter of a verb as the directory of a new recording."""
 
 
 def guarded(verb: Callable[..., Any]) -> Callable[..., Any]:
@@ -73,12 +73,12 @@ def guard(app: typer.Typer) -> None:
 
 
 def check_outputs(verb: Callable[..., Any], given: Mapping[str, Any]) -> None:
-    """Refuse outputs that would replace what is no output of the same kind, or that cannot be written.
+    """Refuse outputs that would replace a file of another kind, or cannot be written.
 
     Parameters
     ----------
     verb : callable
-        A verb; `Output` and `NewRecording` in the annotations of its parameters say what it writes.
+        A verb; `Output` and `NewRecording` in the annotations of its parameters mark its files.
     given : mapping
         The values of its parameters.
 
@@ -127,7 +127,7 @@ def _check(option: str, path: Path, output: Output) -> None:
 
 
 def _paths(value: Any) -> Iterator[Path]:
-    """Return the paths that a value of a parameter may mean."""
+    """Yield the paths in the value of a parameter."""
     if isinstance(value, Path | str):
         if value and "\0" not in str(value):
             yield Path(value)
@@ -145,7 +145,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _option(marks: tuple[Any, ...], name: str) -> str:
-    """Return how a parameter is called on the command line."""
+    """Return the name of a parameter on the command line."""
     for mark in marks:
         for text in (getattr(mark, "default", ...), *(getattr(mark, "param_decls", None) or ())):
             if isinstance(text, str) and text.startswith("--"):
@@ -160,9 +160,7 @@ def _holds_a_bag(folder: Path) -> bool:
 def _is_bag(folder: Path) -> bool:
     file = folder / _METADATA
     try:
-        if (
-            not file.is_file()
-        ):  # a pipe would be waited for, and anybody may put one into a folder for everybody
+        if not file.is_file():  # opening a pipe, which any user may put into a shared folder, would block
             return False
         with file.open(encoding="utf-8", errors="replace") as stream:
             return "rosbag2_bagfile_information" in stream.read(4096)
@@ -183,13 +181,15 @@ def _is_earlier(path: Path, output: Output) -> bool:
         return False
 
 
-def _head(path: Path, size: int) -> bytes:
+def head(path: Path, size: int) -> bytes:
+    """Return the first bytes of a file; OSError if it cannot be read."""
     with path.open("rb") as stream:
         return stream.read(size)
 
 
-def _json(path: Path) -> Any:
-    if _head(path, 1) not in (b"{", b"["):
+def json_content(path: Path) -> Any:
+    """Return the content of a JSON file, None for any other file; OSError or ValueError if it cannot be read."""
+    if head(path, 1) not in (b"{", b"["):
         return None
     with path.open(encoding="utf-8") as stream:
         text = stream.read(_LONGEST + 1)
@@ -197,37 +197,23 @@ def _json(path: Path) -> Any:
 
 
 def _is_result(path: Path) -> bool:
-    content = _json(path)
+    content = json_content(path)
     # a torque table is an input of other commands
     return isinstance(content, dict) and "schema" in content and content.keys() != _TORQUE_TABLE
 
 
 def _is_torque_table(path: Path) -> bool:
-    content = _json(path)
+    content = json_content(path)
     return isinstance(content, dict) and content.keys() == _TORQUE_TABLE
 
 
-def _is_case_list(path: Path) -> bool:
-    content = _json(path)
-    return isinstance(content, list) and all(
-        isinstance(item, dict) and {"case", "truth", "verdict", "outcome"} <= item.keys() for item in content
-    )
-
-
 def _is_picture(path: Path) -> bool:
-    head = _head(path, 4096)
-    return head.startswith(b"\x89PNG\r\n\x1a\n") and b"Matplotlib" in head
-
-
-def _is_report(path: Path) -> bool:
-    head = _head(path, 1024)
-    return is_report(head.decode("utf-8", errors="replace"))
+    begin = head(path, 4096)
+    return begin.startswith(b"\x89PNG\r\n\x1a\n") and b"Matplotlib" in begin
 
 
 JSON_RESULT = Output("a JSON result of an earlier command", _is_result)
 PICTURE = Output("an earlier picture of gyrowheel", _is_picture, (".png",))
 TORQUE_TABLE = Output("an earlier torque table", _is_torque_table)
-CASE_LIST = Output("an earlier list of cases", _is_case_list)
 TABLE = Output("an earlier table of gyrowheel export", is_exported_table)
 COLUMN_MAP = Output("an earlier map of gyrowheel export", is_exported_map)
-REPORT = Output("an earlier report of gyrowheel", _is_report, (".html", ".md", ".pdf"))

@@ -1,4 +1,4 @@
-"""What verbs share that take long and can go on where they were: the folder, `--resume`, the command that goes on."""
+"""Resuming long verbs: their folder, the option `--resume`, and the command that resumes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Resume: TypeAlias = Annotated[
     typer.Option(
         "--resume",
         metavar="DIR",
-        help="Go on with what was interrupted or killed in this folder; its settings need not be repeated.",
+        help="Resume the interrupted or killed work in this folder; its settings need not be repeated.",
         show_default=False,
     ),
 ]
 
 
 def place_of(output: Path | None, resume: Path | None, kind: str) -> Path:
-    """Return the folder of the work: the one to go on with, the one that was named, or a new one in ``out``.
+    """Return the folder of the work: the resumed one, the named one, or a new one in ``out``.
 
     Raises
     ------
@@ -35,13 +35,13 @@ def place_of(output: Path | None, resume: Path | None, kind: str) -> Path:
     """
     if resume is not None:
         if output is not None:
-            raise InputError(f"-o: with --resume everything goes on in {resume}; leave it out")
+            raise InputError(f"-o: with --resume the folder is {resume}; leave it out")
         return resume
     return new_folder(Path("out"), kind, 1) if output is None else output
 
 
 def merged(context: typer.Context, given: Mapping[str, Any], stored: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of a verb: those that the user typed, the others from the folder to go on with."""
+    """Return the settings of a verb: those that the user typed, the others from the resumed folder."""
 
     def is_typed(name: str) -> bool:
         source = context.get_parameter_source(name)
@@ -53,7 +53,7 @@ def merged(context: typer.Context, given: Mapping[str, Any], stored: Mapping[str
 
 
 def going_on_command(verb: str, folder: Path, options: Mapping[str, object]) -> str:
-    """Return the command that goes on in a folder; with options that no result depends on, as they were given."""
+    """Return the command that resumes the work in a folder, with the options that no result depends on."""
     words = ["gyrowheel", *verb.split(), "--resume", str(folder)]
     for name, value in options.items():
         words += [] if value is None else [f"--{name}", str(value)]
@@ -62,9 +62,9 @@ def going_on_command(verb: str, folder: Path, options: Mapping[str, object]) -> 
 
 @contextlib.contextmanager
 def going_on(command: str) -> Iterator[Callable[[], bool]]:
-    """Yield what says, once, by which command the work can go on from now; it is said again if it is interrupted.
+    """Yield a function that prints the resuming command at its first call; it is printed again at an interruption.
 
-    What is yielded returns whether this was its first call.
+    The function returns whether this was its first call.
     """
     said = False
 

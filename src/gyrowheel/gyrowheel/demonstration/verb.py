@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import finding, notes, out, put_json
+from gyrowheel.cli.console import Tour, finding, put_json
 from gyrowheel.cli.options import Json, example
-from gyrowheel.cli.progress import Terminal
 
 
 def register(app: typer.Typer) -> None:
@@ -36,20 +35,19 @@ def demo(
 
     Exits with 1 if the verdict was wrong.
     """
-    from gyrowheel.demonstration.api import demonstrate, new_folder
+    from gyrowheel.demonstration.api import demonstrate, folder_for
     from gyrowheel.show.files import require_new
     from gyrowheel.show.layout import words_table
     from gyrowheel.show.quantities import seconds
 
-    folder = new_folder(seed, Path("out")) if output is None else output
+    folder = folder_for(seed, Path("out")) if output is None else output
     require_new(folder)
-    # with JSON on stdout the tour goes to stderr
-    stage = Terminal(notes() if json == "-" else out())
-    outcome = demonstrate(seed, folder, stage)
+    tour = Tour(json)
+    outcome = demonstrate(seed, folder, tour)
     table = words_table("", "")
-    for name, path in outcome.place.all().items():
-        table.add_row(name, str(path))
-    stage.show(["", table, f"\n{seconds(outcome.seconds)} in all"])
+    for name, path in outcome.files.all().items():
+        table.add_row(name.replace("_", " "), str(path))
+    tour.show(["", table, f"\n{seconds(outcome.seconds)} in all"])
     if json is not None:
         put_json(json, outcome.to_json() | {"seed": seed})
     finding(not outcome.judgement.right)

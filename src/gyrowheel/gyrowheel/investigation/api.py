@@ -14,7 +14,6 @@ from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.investigation.page import end_sentence, investigation_page
 from gyrowheel.investigation.procedure import Course, Listener, Run, Step, pursue
 from gyrowheel.recordings.inputs import Recordings, opened
-from gyrowheel.show.files import new_folder
 from gyrowheel.show.result import Result
 from gyrowheel.simulation.code_identity import code_identity
 from gyrowheel.simulation.scenario import scenario
@@ -22,7 +21,7 @@ from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import json_text, read_text
+from gyrowheel_core.files import json_text, new_folder, read_text
 from gyrowheel_core.journal import Journal, Work, begun, journal
 from gyrowheel_recording.bags.selection import parted
 
@@ -107,50 +106,50 @@ def investigate(
     listener: Listener | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Investigation:
-    """Find out what a model lacks by running the tests that it takes, until all is settled.
+    """Find the effects that a model lacks: run a test, diagnose, run the next test, until the verdict is settled.
 
-    Runs a plan, diagnoses, runs the test that the diagnosis names, and so on. The model stays as it is.
+    The diagnosis names the next test. The model is not changed.
 
     Parameters
     ----------
     model : Model
         The model.
     recordings : Recording, path or list, optional
-        Existing recordings to begin with.
+        Existing recordings to start from.
     plans : sequence, optional
-        Plans to begin with; ``quick`` if there are no recordings.
+        First plans; ``quick`` if there are no recordings.
     budget : float
-        Time on the bench that may be spent [min].
+        Bench time that may be spent [min].
     thorough : bool
-        Go on until every known effect would have shown at a usual size.
+        Continue until every known effect would have shown at a usual size.
     averages : bool
-        Use averages over whole revolutions alone, as where filters hide what happens within one.
+        Use averages over whole revolutions only, as where filters hide faster signals.
     effects, machine, seed, blind
         The simulated machine; see `gyrowheel.simulate`.
     nodes : bool
         Run the plans in the graph of ROS nodes instead of simulating them at once.
     run : callable, optional
-        Runs a plan on a bench of your own and records it: takes plan, directory to create and number of the run.
+        Runs a plan on a user's bench and records it: takes plan, directory to create and number of the run.
     folder : str or Path, optional
-        New directory for all recordings; a temporary one that is removed with the result if not given.
+        New directory for all recordings; by default a temporary one that is removed with the result.
     resume : bool
-        Go on with the investigation in `folder`: what it recorded is not recorded again, and is diagnosed again, with
-        the same result. Settings must be the same, and so must the code.
+        Resume the investigation in `folder`: its recordings are diagnosed again, with the same result. Settings and
+        code must be the same.
     listener : Listener, optional
-        Receives what happens, step by step.
+        Receives the course of the investigation.
     progress : callable, optional
-        Called with a line of text now and then, where there is no listener.
+        Called with lines of text, if there is no listener.
 
     Returns
     -------
     Investigation
-        Also after Ctrl-C, with what was finished.
+        Also after Ctrl-C, with the finished steps.
 
     Raises
     ------
     InputError
-        If something is not known or out of range, there is nothing to begin with or to go on with, or the first plans
-        take more time than there is.
+        If a name is unknown or a value out of range, there is nothing to start from or to resume, or the first plans
+        exceed the budget.
     """
     if resume and folder is None:
         raise InputError("resume: needs the folder of the investigation to go on with")
@@ -161,11 +160,11 @@ def investigate(
     key = None if blind is None else Path(blind)
 
     def hidden(plan: Plan, number: int) -> Scenario:
-        name = f"{plan.name} {number}"  # every run has noise of its own
+        name = f"{plan.name} {number}"  # every run has its own noise
         return scenario(bench, name, effects=effects, blind=key, seed=seed, machine=machine)
 
     if first and effects:
-        hidden(first[0], 1)  # refuses bad effects before anything is made
+        hidden(first[0], 1)  # refuses bad effects before any file is written
     told = listener or _Quiet(progress or (lambda text: None))
     if run is None:
         run = _in_nodes(told, model, hidden) if nodes else _at_once(told, model, hidden)
@@ -200,12 +199,12 @@ def investigate(
 
 
 def settings_of(folder: str | Path) -> dict[str, Any]:
-    """Return the arguments of `investigate` with which the one in a folder was begun; ``model`` is a path.
+    """Return the arguments of `investigate` of the investigation in a folder; ``model`` is a path.
 
     Raises
     ------
     InputError
-        If there is none.
+        If there is no investigation.
     """
     found = begun(Path(folder), KIND).settings
     found["blind"] = None if found["blind"] is None else _near(found["blind"])
@@ -221,7 +220,7 @@ def _work(
     effects: Mapping[str, Mapping[str, float]] | Sequence[str | Effect],
     **settings: object,
 ) -> Work:
-    """Return what determines the results of an investigation."""
+    """Return the settings that determine the results of an investigation."""
     items = (
         effects.items()
         if isinstance(effects, Mapping)
@@ -250,12 +249,12 @@ def _work(
 
 
 def _whole(plan: str) -> str:
-    """Return the path of a plan file from the root; names of shipped plans as they are."""
+    """Return the absolute path of a plan file; names of shipped plans unchanged."""
     return str(Path(plan).absolute()) if "\n" not in plan and Path(plan).is_file() else plan
 
 
 def _near(path: str) -> str:
-    """Return a path as one types it: from the current folder if it is below that."""
+    """Return a path relative to the working directory if it is below it."""
     try:
         return str(Path(path).relative_to(Path.cwd()))
     except ValueError:
@@ -274,7 +273,7 @@ def _digest_of(recording: Path) -> str:
 
 
 def _once(run: Run, kept: Journal, key: Path | None) -> Run:
-    """Return what runs a plan unless that was done before; what an interrupted run has recorded is put aside."""
+    """Return a function that runs a plan unless the journal has it; an incomplete recording is renamed."""
     finished = kept.finished()
     if key is not None and finished and finished.get(_KEY) != _key_digest(key):
         raise InputError(
@@ -304,7 +303,7 @@ def _key_digest(key: Path) -> str | None:
 
 
 class _Quiet:
-    """A listener that passes on what happens as lines of text."""
+    """A listener that reports lines of text."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
@@ -327,7 +326,7 @@ class _Quiet:
 
 
 def _at_once(listener: Listener, model: Model, hidden: Callable[[Plan, int], Scenario]) -> Run:
-    """Return what simulates a plan; the drag estimates in its recording are those of the model under test."""
+    """Return a function that simulates a plan; drag estimates in its recording use the model under test."""
 
     def run(plan: Plan, directory: Path, number: int) -> None:
         from gyrowheel.simulation.api import record_simulation
@@ -346,7 +345,7 @@ def _at_once(listener: Listener, model: Model, hidden: Callable[[Plan, int], Sce
 
 
 def _in_nodes(listener: Listener, model: Model, hidden: Callable[[Plan, int], Scenario]) -> Run:
-    """Return what runs a plan in the graph of nodes, whose drag estimator believes the model under test."""
+    """Return a function that runs a plan in the graph of nodes; its drag estimator uses the model under test."""
 
     def run(plan: Plan, directory: Path, number: int) -> None:
         from gyrowheel_bringup.graph import Graph

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gyrowheel.cli.console import INTERRUPTED, notes, out, put_json, put_picture
+from gyrowheel.cli.console import INTERRUPTED, Tour, advancing, put_json, put_picture, working
 from gyrowheel.cli.options import Averages, Blind, Effects, ErrorPicture, Json, Machine, Seed, example
-from gyrowheel.cli.progress import Terminal
 from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
 from gyrowheel_core.errors import InputError
 
@@ -38,24 +37,26 @@ def investigate(
     ] = None,
     directories: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="DIR", help="Existing recordings to begin with.", show_default=False),
+        typer.Argument(metavar="DIR", help="Existing recordings to start from.", show_default=False),
     ] = None,
     budget: Annotated[
         float,
-        typer.Option("--budget", metavar="MINUTES", min=0.0, help="Time on the bench that may be spent."),
+        typer.Option("--budget", metavar="MINUTES", min=0.0, help="Bench time that may be spent."),
     ] = 15.0,
     plan: Annotated[
         list[str] | None,
         typer.Option(
             "--plan",
             metavar="P",
-            help="Plan to begin with: shipped name, or a plan file. Repeatable.",
+            help="First plan: shipped name, or a plan file. Repeatable.",
             show_default="quick, if there are no recordings",
         ),
     ] = None,
     thorough: Annotated[
         bool,
-        typer.Option("--thorough", help="Go on until every known effect would have shown at a usual size."),
+        typer.Option(
+            "--thorough", help="Continue until every known effect would have shown at a usual size."
+        ),
     ] = False,
     averages: Averages = False,
     simulate: Annotated[
@@ -84,8 +85,8 @@ def investigate(
     Each diagnosis names the test to run next.
     The machine is the simulated bench with --effect, --blind and --machine.
     Recordings are kept, also after Ctrl-C; the model file is not changed.
-    A report, report.html beside the recordings, holds all that was found.
-    --resume goes on after that, and after a kill: no plan is run again.
+    A report of all findings is written next to the recordings: report.html.
+    --resume continues after Ctrl-C or a kill; no plan is run again.
     """
     from gyrowheel import Model, Recording
     from gyrowheel.investigation.api import investigate as run
@@ -111,8 +112,7 @@ def investigate(
     if chosen["model"] is None:
         raise InputError("--model: missing; name the model file")
     place = Path(chosen["model"])
-    # with JSON on stdout the tour goes to stderr
-    stage = Terminal(notes() if json == "-" else out())
+    tour = Tour(json)
     machine_of = {name: chosen[name] for name in ("effect", "blind", "machine", "seed")}
     on = going_on_command("investigate", folder, {"picture": picture, "json": json})
     with going_on(on) as begun:
@@ -130,7 +130,7 @@ def investigate(
             nodes=not chosen["simulate"],
             folder=folder,
             resume=resume is not None,
-            listener=_Teller(stage, begun),
+            listener=_Teller(tour, begun),
         )
     for path in done.recordings[:1]:
         note_machine(Recording.open(path), machine_options(**machine_of))
@@ -138,10 +138,10 @@ def investigate(
     switches = {name: chosen[name] for name in ("averages", "simulate", "thorough")}
     again = _again(recordings, place, machine_of | {"seed": machine_of["seed"] or None}, switches)
     _finish(
-        done, recordings, place, stage, again=on if done.interrupted else again, thorough=chosen["thorough"]
+        done, recordings, place, tour, again=on if done.interrupted else again, thorough=chosen["thorough"]
     )
     if not done.interrupted:
-        _report(done, recordings, place, stage)
+        _report(done, recordings, place, tour)
     if json is not None:
         put_json(json, done.to_dict())
     if done.diagnosis is not None:
@@ -158,43 +158,33 @@ def _as_typed(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 class _Teller:
-    """Shows on the terminal what an investigation does.
+    """Shows the course of an investigation; `begun` is called at the first step, when all settings are checked."""
 
-    Parameters
-    ----------
-    stage : Terminal
-        Where.
-    begun : callable
-        Called when it begins, and everything given is known to be right.
-    """
-
-    def __init__(self, stage: Terminal, begun: Callable[[], object]) -> None:
-        self._stage, self._begun = stage, begun
+    def __init__(self, tour: Tour, begun: Callable[[], object]) -> None:
+        self._tour, self._begun = tour, begun
 
     def begin(self, number: int, plans: Sequence[str], why: str) -> None:
         self._begun()
         what = f"{'plans' if len(plans) > 1 else 'plan'} {' and '.join(plans)}: {why}" if plans else why
-        self._stage.step(what[0].upper() + what[1:])
+        self._tour.step(what[0].upper() + what[1:])
 
     def working(self, title: str) -> AbstractContextManager[Callable[[str], None]]:
-        return self._stage.working(title)
+        return working(title)
 
     def advancing(self, title: str) -> AbstractContextManager[Callable[[float], None]]:
-        return self._stage.advancing(title)
+        return advancing(title)
 
     def learned(self, step: Step) -> None:
-        from rich.text import Text
-
         from gyrowheel.show.quantities import seconds
 
-        self._stage.show([Text(sentence) for sentence in step.learned])
-        change = _verdicts(step)
-        left = f"{seconds(60.0 * step.left)} of bench time left" if step.minutes or step.left else ""
-        self._stage.show([Text("; ".join(part for part in (change, left) if part), style="dim")])
+        for sentence in step.learned:
+            self._tour.say(sentence)
+        left = f"; {seconds(60.0 * step.left)} of bench time left" if step.minutes or step.left else ""
+        self._tour.say(f"{_verdicts(step)}{left}", style="dim")
 
 
 def _verdicts(step: Step) -> str:
-    """Return the verdict and the one before it."""
+    """Return the verdict, and the previous one if it differs."""
     now = step.diagnosis.verdict.replace("_", " ")
     if step.before is None:
         return f"verdict: {now}"
@@ -208,7 +198,7 @@ def _again(
     options: Mapping[str, object],
     switches: Mapping[str, bool],
 ) -> str:
-    """Return the command that goes on from recordings, on the same machine."""
+    """Return the command that continues from recordings, on the same machine."""
     words = ["gyrowheel", "investigate", *map(str, recordings), "--model", str(model)]
     for name, value in options.items():
         for item in value if isinstance(value, list) else [value]:
@@ -217,8 +207,8 @@ def _again(
     return shlex.join(words)
 
 
-def _report(done: Investigation, recordings: Sequence[Path], model: Path, stage: Terminal) -> None:
-    """Write the report of what is known now, beside the recordings."""
+def _report(done: Investigation, recordings: Sequence[Path], model: Path, tour: Tour) -> None:
+    """Write the report of the last diagnosis next to the recordings."""
     import gyrowheel as gw
     from gyrowheel.diagnosis.next_command import diagnosing, following
     from gyrowheel.show.layout import Unbroken
@@ -226,7 +216,7 @@ def _report(done: Investigation, recordings: Sequence[Path], model: Path, stage:
     if done.diagnosis is None:
         return
     averages = done.averages
-    with stage.working("writing the report") as say:
+    with working("writing the report") as say:
         report = gw.Report.around(
             done.diagnosis,
             gw.Model.load(model),
@@ -237,19 +227,19 @@ def _report(done: Investigation, recordings: Sequence[Path], model: Path, stage:
             progress=say,
         )
         report.save(done.folder / "report.html")
-    stage.show([Unbroken(f"report: {done.folder / 'report.html'}")])
+    tour.show([Unbroken(f"report: {done.folder / 'report.html'}")])
 
 
 def _finish(
     done: Investigation,
     recordings: Sequence[Path],
     model: Path,
-    stage: Terminal,
+    tour: Tour,
     *,
     again: str,
     thorough: bool,
 ) -> None:
-    """Show how the investigation ended, what is known now, and the next command."""
+    """Show the last diagnosis, the next command, and how the investigation ended."""
     from rich.text import Text
 
     from gyrowheel.diagnosis.next_command import following
@@ -259,17 +249,17 @@ def _finish(
 
     last = done.diagnosis
     if last is not None:
-        stage.step("What is known now")
-        stage.show([*findings(last), *detection_limits(last.limits)])
-        stage.show(error_section(last))
+        tour.step("What is known now")
+        tour.show([*findings(last), *detection_limits(last.limits)])
+        tour.show(error_section(last))
         if done.settled and (next_command := following(last, recordings, (), model)):
-            stage.show([heading("Next"), command(next_command)])
+            tour.show([heading("Next"), command(next_command)])
         unseen = unseen_sentence(last)
         if done.settled and not thorough and unseen:
-            stage.show([heading("To be thorough"), Text(unseen), command(f"{again} --thorough")])
+            tour.show([heading("To be thorough"), Text(unseen), command(f"{again} --thorough")])
     if done.interrupted or (done.steps and not done.settled and recordings):
-        stage.show([heading("To go on from here"), command(again)])
+        tour.show([heading("To go on from here"), command(again)])
     colour = "green" if done.settled else "yellow"
-    stage.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}")])
+    tour.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}")])
     if done.folder.is_dir() and any(part.is_dir() for part in done.folder.iterdir()):
-        stage.show([Unbroken(f"recordings: {done.folder}")])
+        tour.show([Unbroken(f"recordings: {done.folder}")])

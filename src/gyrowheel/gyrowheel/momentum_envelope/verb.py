@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.console import put, put_picture
-from gyrowheel.cli.numbers import numbers
-from gyrowheel.cli.options import BenchName, Json, example
+from gyrowheel.cli.options import BenchName, Json, example, numbers
 from gyrowheel.cli.outputs import PICTURE
 
 

@@ -1,4 +1,4 @@
-"""The page of a report: its sections set into the template, or as Markdown."""
+"""The page of a report: the template filled with its sections, or Markdown."""
 
 from __future__ import annotations
 
@@ -8,29 +8,26 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from gyrowheel.report import sections
-from gyrowheel.report.charts import POLICY, SCRIPT, chart
-from gyrowheel.report.pictures import Picture, picture
+from gyrowheel.report.pictures import POLICY, SCRIPT, Picture, chart, picture
 from gyrowheel.show.cells import Cells
-from gyrowheel.show.files import REPORT_MARKS
-from gyrowheel.show.html import embedded, environment, style_sheet
+from gyrowheel.show.html import REPORT_MARKS, embedded, environment, style_sheet
 from gyrowheel.show.layout import plain_text
 
 if TYPE_CHECKING:
-    from gyrowheel.report.api import Report
+    from gyrowheel.report.content import ReportContent
 
 _OWN = "gyrowheel.report"
-_WIDTH = 100  # letters of a line in Markdown
+_WIDTH = 100  # characters of a line in Markdown
 
 
-def html_page(report: Report) -> str:
+def html_page(report: ReportContent) -> str:
     """Return a report as a page of HTML."""
     return environment(_OWN).get_template("report.html").render(_parts(report))
 
 
-def _parts(report: Report) -> dict[str, Any]:
+def _parts(report: ReportContent) -> dict[str, Any]:
     found, cells = report.diagnosis, Cells(report.to_dict())
-    limits = sections.limits(found, cells)
-    return {
+    return sections.of_diagnosis(found, cells) | {
         "style": style_sheet(),
         "policy": POLICY,
         "script": Markup(SCRIPT),
@@ -39,32 +36,18 @@ def _parts(report: Report) -> dict[str, Any]:
         ),
         "mark": Markup(REPORT_MARKS[0]),
         "title": report.title,
-        "summary": cells.words("diagnosis.summary"),
-        "mood": sections.MOOD[found.verdict],
         "verdict": found.verdict.replace("_", " "),
         "proof": _proof(report, cells),
         "names": [recording.name for recording in report.fitted],
         "unused": [recording.name for recording in report.unused],
         "made": report.made,
-        "setup": sections.setup(found.setup),
-        "findings": sections.findings(found, cells),
-        "instruments": sections.instruments(found, cells),
-        "forms": sections.forms(found, cells),
-        "events": sections.events(found),
-        "readings": sections.readings(found, cells),
-        "remarks": sections.remarks(found, cells),
-        "next_test": sections.next_test(found, cells),
         "next_command": report.next_command,
         "error": sections.error_rows(
             cells, "diagnosis.error" if report.addition is None else "addition.error"
         ),
         "error_picture": _error_picture(report),
-        "regions": sections.regions(cells),
         "where_picture": _where_picture(report),
         "moved": sections.moved(found, cells),
-        "limits": {
-            group: [row for row in limits if row["group"] == group] for group in ("hidden", "partly", "seen")
-        },
         "model": report.latest,
         "model_effects": sections.model_effects(report.latest, cells),
         "model_parameters": sections.model_parameters(report.latest, cells),
@@ -86,7 +69,7 @@ def _parts(report: Report) -> dict[str, Any]:
     }
 
 
-def _proof(report: Report, cells: Cells) -> dict[str, Any] | None:
+def _proof(report: ReportContent, cells: Cells) -> dict[str, Any] | None:
     if report.addition is not None and report.addition.proof is not None:
         proven, place = report.addition.proof.proven, "addition.proof.reason"
     elif report.diagnosis.proof is not None:
@@ -96,7 +79,7 @@ def _proof(report: Report, cells: Cells) -> dict[str, Any] | None:
     return {"mood": "open" if proven is None else "good" if proven else "bad", "words": cells.words(place)}
 
 
-def _error_picture(report: Report) -> Picture | None:
+def _error_picture(report: ReportContent) -> Picture | None:
     if report.diagnosis.error is None:
         return None
     return picture(
@@ -105,7 +88,7 @@ def _error_picture(report: Report) -> Picture | None:
     )
 
 
-def _where_picture(report: Report) -> Picture | None:
+def _where_picture(report: ReportContent) -> Picture | None:
     if report.comparison is None:
         return None
     return picture(
@@ -114,14 +97,13 @@ def _where_picture(report: Report) -> Picture | None:
     )
 
 
-def markdown_page(report: Report) -> str:
+def markdown_page(report: ReportContent) -> str:
     """Return a report as Markdown: the words and tables of the terminal, recordings with hashes, commands."""
     from gyrowheel.catalogue.page import bench_page
 
     def block(text: str) -> str:
-        fence = "`" * max(
-            3, *(len(run) + 1 for run in re.findall("`+", text)), 3
-        )  # what is within cannot end it
+        # longer than any fence within the text
+        fence = "`" * max(3, *(len(run) + 1 for run in re.findall("`+", text)), 3)
         return f"{fence}\n{text}\n{fence}\n"
 
     content = report.to_dict()
@@ -153,6 +135,6 @@ def markdown_page(report: Report) -> str:
 
 
 def _words(text: str) -> str:
-    """Return text that is nothing else in Markdown: no markup, no line of its own."""
+    """Return text as one line of Markdown, its markup escaped."""
     line = re.sub(r"([\\`*\[\]|])", r"\\\1", " ".join(text.split()))
     return line.replace("&", "&amp;").replace("<", "&lt;")

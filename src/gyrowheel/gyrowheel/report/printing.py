@@ -1,4 +1,4 @@
-"""A page of HTML as PDF, printed by a Chromium that is installed."""
+"""HTML pages as PDF, printed by an installed Chromium."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from gyrowheel.show.files import REPORT_TITLE
+from gyrowheel.show.html import REPORT_TITLE
 from gyrowheel_core.errors import InputError
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
@@ -17,17 +17,17 @@ _PATIENCE = 300.0  # s
 
 
 def browser() -> str | None:
-    """Return the path of a Chromium; None where there is none."""
+    """Return the path of Chromium; None if it is not installed."""
     return next((found for found in map(shutil.which, _BROWSERS) if found), None)
 
 
 def pdf(page: str) -> bytes:
-    """Return a page that needs nothing but itself as PDF.
+    """Return a self-contained page as PDF.
 
     Parameters
     ----------
     page : str
-        The page; it is printed with the network off.
+        The page; it is printed without network.
 
     Raises
     ------
@@ -47,16 +47,15 @@ def pdf(page: str) -> bytes:
             program,
             "--headless",
             "--disable-gpu",
-            "--proxy-server=127.0.0.1:9",  # whatever the page might ask for, nothing answers
+            "--proxy-server=127.0.0.1:9",  # no request of the page is answered
             f"--user-data-dir={place / 'profile'}",
             "--no-pdf-header-footer",
             f"--print-to-pdf={place / 'report.pdf'}",
             (place / "report.html").as_uri(),
         ]
         if os.geteuid() == 0:
-            command.insert(
-                1, "--no-sandbox"
-            )  # it refuses to run as root otherwise; the page runs our script alone
+            # without it Chromium refuses to run as root; the page runs no script but ours
+            command.insert(1, "--no-sandbox")
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
         except (OSError, subprocess.TimeoutExpired) as error:

@@ -1,4 +1,4 @@
-"""What the sections of a report say, ready for the page: sentences, rows of tables, strips of the detection limits."""
+"""Sections of a report, ready for the template: sentences, rows of tables, strips of the detection limits."""
 
 from __future__ import annotations
 
@@ -62,8 +62,27 @@ def steps(done: Investigation, cells: Cells) -> list[dict[str, Any]]:
     ]
 
 
+def of_diagnosis(found: Diagnosis, cells: Cells) -> dict[str, Any]:
+    """Return the sections of a diagnosis, which report and workbench share; its JSON is ``diagnosis`` of the cells."""
+    rows = limits(found, cells)
+    return {
+        "summary": cells.words("diagnosis.summary"),
+        "mood": MOOD[found.verdict],
+        "setup": setup(found.setup),
+        "findings": findings(found, cells),
+        "instruments": instruments(found, cells),
+        "forms": forms(found, cells),
+        "events": events(found),
+        "readings": readings(found, cells),
+        "remarks": remarks(found, cells),
+        "next_test": next_test(found, cells),
+        "regions": regions(cells),
+        "limits": {g: [row for row in rows if row["group"] == g] for g in ("hidden", "partly", "seen")},
+    }
+
+
 def setup(wrong: Sequence[WrongSetup]) -> list[dict[str, Any]]:
-    """Return what is wrong with the setup of recordings, each with its cure."""
+    """Return the wrong setups of recordings, each with its fix."""
     return [
         {
             "recording": item.recording,
@@ -76,7 +95,7 @@ def setup(wrong: Sequence[WrongSetup]) -> list[dict[str, Any]]:
 
 
 def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
-    """Return the effects that are missing: title, law, coefficients, evidence, ties."""
+    """Return the missing effects: title, law, coefficients, evidence, ties."""
     items = []
     for k, effect in enumerate(found.effects):
         place = f"diagnosis.effects.{k}"
@@ -115,7 +134,7 @@ def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
 
 
 def instruments(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
-    """Return the instruments that are not as stated."""
+    """Return the wrong instruments."""
     numbered = list(enumerate(found.instruments))
     return [
         {
@@ -161,21 +180,21 @@ def forms(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
 
 
 def readings(found: Diagnosis, cells: Cells) -> list[Any]:
-    """Return what the samples themselves show of the instruments beside what is stated."""
-    # in the JSON they stand behind the instruments that the fit found
+    """Return the properties of instruments that the samples show."""
+    # in the JSON they follow the instruments that the fit found
     first = len(found.instruments)
     return [cells.words(f"diagnosis.instruments.{first + k}.sentence") for k in range(len(found.readings))]
 
 
 def remarks(found: Diagnosis, cells: Cells) -> list[Any]:
-    """Return how much of the steady motion takes part, what was assumed, and what the samples cannot tell."""
+    """Return the coverage of the steady motion, and the properties that the samples cannot show."""
     part = found.coverage
     said = [] if part.complete else [cells.shown("diagnosis.coverage", f"{part.sentence()}.", "sentence")]
     return [*said, *untold_sentences(found.hum_unknown)]
 
 
 def events(found: Diagnosis) -> list[str]:
-    """Return what happened in the middle of a recording beyond what the verdict says."""
+    """Return the ties of events."""
     return [text for text in map(tie_of_event, found.events) if text]
 
 
@@ -234,14 +253,14 @@ def error_rows(cells: Cells, place: str) -> dict[str, Any] | None:
 
 
 def _where(row: Mapping[str, Any], name: str) -> str:
-    """Return where a row has the error of a channel; empty if nowhere."""
+    """Return the place of a channel's error in a row; empty without one."""
     if name in row["rms"]:
         return f"rms.{name}"
     return f"channels.{name}.rms" if name in row["channels"] else ""
 
 
 def regions(cells: Cells) -> list[dict[str, Any]]:
-    """Return where the model fails."""
+    """Return the regions where the model fails."""
     return [
         {
             "share": cells.percent(f"diagnosis.where.{k}.share_of_chi2"),
@@ -268,7 +287,7 @@ def moved(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
 
 
 def limits(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
-    """Return the detection limits, those that hide most first; each with a strip of its usual sizes."""
+    """Return the detection limits, largest relative to the usual size first, each with a strip of the usual sizes."""
     rows = []
     for k, limit in enumerate(found.limits):
         finite = math.isfinite(limit.value)
@@ -292,7 +311,7 @@ def limits(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
 
 
 def _strip(limit: DetectionLimit) -> dict[str, float]:
-    """Return where the band of the usual sizes lies in a strip with the limit in its middle [per cent of its width]."""
+    """Return position and width of the usual sizes in a strip centred on the limit [per cent of its width]."""
 
     def place(value: float) -> float:
         decades = math.log10(value / limit.value) if value > 0.0 else -_DECADES
@@ -328,7 +347,7 @@ def model_effects(model: Model, cells: Cells) -> list[dict[str, Any]]:
 
 
 def model_parameters(model: Model, cells: Cells) -> list[dict[str, Any]]:
-    """Return every parameter of the bench: as stated with its source, and as fitted."""
+    """Return every bench parameter: stated value with source, and fitted value."""
     return [
         {
             "name": name,
@@ -371,7 +390,7 @@ def _names(paths: Any) -> str:
 
 
 def recordings(given: Sequence[Recording], cells: Cells) -> Iterator[dict[str, Any]]:
-    """Yield what each recording is: length, samples, speeds, tilts, files with their hashes."""
+    """Yield facts about each recording: length, samples, speeds, tilts, files with hashes."""
     for k, recording in enumerate(given):
         place, info = f"recordings.{k}", recording.info
         yield {

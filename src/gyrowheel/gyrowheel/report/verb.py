@@ -9,7 +9,19 @@ import typer
 
 from gyrowheel.cli.console import BAD_INPUT, out, put_json, working
 from gyrowheel.cli.options import Averages, Json, Mixed, ModelFile, Recordings, Validation, example
-from gyrowheel.cli.outputs import REPORT
+from gyrowheel.cli.outputs import Output, head
+
+
+def _is_report(path: Path) -> bool:
+    from gyrowheel.show.html import REPORT_MARKS, REPORT_TITLE
+
+    begin = head(path, 1024).decode("utf-8", errors="replace")
+    return any(mark in begin for mark in REPORT_MARKS) or (
+        begin.startswith("%PDF") and f"({REPORT_TITLE})" in begin
+    )
+
+
+_REPORT = Output("an earlier report of gyrowheel", _is_report, (".html", ".md", ".pdf"))
 
 
 def register(app: typer.Typer) -> None:
@@ -28,16 +40,16 @@ def report(
             metavar="FILE",
             help="The report: .html, one page with pictures; .md, words; .pdf, where Chromium is installed.",
         ),
-        REPORT,
+        _REPORT,
     ] = Path("report.html"),
     validate: Validation = None,
     averages: Averages = False,
     mixed: Mixed = False,
     json: Json = None,
 ) -> None:
-    """Diagnose recordings and write a report to send: result, pictures, tables, model, hashes, commands.
+    """Diagnose recordings and write a report: result, pictures, tables, model, hashes, commands.
 
-    One file that needs no network and runs no script. Its numbers are those of
+    One file that needs no network. Its numbers are those of
     `gyrowheel diagnose --json`.
     """
     import gyrowheel as gw

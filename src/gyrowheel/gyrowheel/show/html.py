@@ -13,6 +13,10 @@ from gyrowheel_core.files import json_text
 if TYPE_CHECKING:
     import jinja2
 
+#: Beginning of a report: of a page of HTML, and of one in Markdown.
+REPORT_MARKS = ('<meta name="generator" content="gyrowheel">', "<!-- report of gyrowheel -->")
+#: Title of a report as PDF.
+REPORT_TITLE = "gyrowheel report"
 _OWN = "gyrowheel.show"
 
 

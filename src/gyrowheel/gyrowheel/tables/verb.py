@@ -118,6 +118,12 @@ def import_(
     put_picture(picture, lambda: Recording.open(output).plot(), quiet=json == "-")
 
 
+def _is_suggested_map(file: Path) -> bool:
+    """Return whether a file is a map of `gyrowheel.TableMap`; OSError if it cannot be read."""
+    with file.open(encoding="utf-8", errors="replace") as stream:
+        return stream.readline(1000).startswith("# Suggested for ")
+
+
 def _suggest(
     files: list[Path],
     column_map: Path | None,
@@ -128,12 +134,11 @@ def _suggest(
 ) -> None:
     """Propose a map."""
     from gyrowheel import suggest_map
-    from gyrowheel.show.files import is_suggested_map
     from gyrowheel.show.layout import command
 
     if column_map is not None:
         raise InputError("--map: cannot be combined with --suggest, which proposes one")
-    if output is not None and output.exists() and not is_suggested_map(output):
+    if output is not None and output.exists() and not _is_suggested_map(output):
         raise InputError(f"-o: {output} exists and is not an earlier suggested map; name a new file")
     with working(f"looking at {' and '.join(map(str, files))}"):
         found = suggest_map(files if len(files) > 1 else files[0], bench=bench)

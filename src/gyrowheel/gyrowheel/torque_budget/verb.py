@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from gyrowheel.cli.console import advancing, put
-from gyrowheel.cli.numbers import numbers
-from gyrowheel.cli.options import Json, Mixed, TorquePicture, example
+from gyrowheel.cli.options import Json, Mixed, TorquePicture, example, numbers
 
 
 def register(app: typer.Typer) -> None:

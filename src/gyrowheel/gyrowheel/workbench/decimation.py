@@ -1,4 +1,4 @@
-"""Millions of samples as a line of a thousand points that loses no spike: smallest and largest of every stretch."""
+"""Decimation of long signals that keeps every spike: minimum and maximum of each interval."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 
 from gyrowheel_core.arrays import by_blocks
 
-_BLOCK = 256  # samples whose extremes are kept; `by_blocks` has a whole number of them
-_DIRECT = 2 * _BLOCK  # samples of a stretch from which on the extremes of blocks are used
+_BLOCK = 256  # samples per stored pair of extremes; `by_blocks` uses a multiple of it
+_DIRECT = 2 * _BLOCK  # samples of an interval from which on the extremes of blocks are used
 
 Array = NDArray[np.float64]
 
 
 class Envelope:
-    """A signal with the extremes of its blocks, from which any part of it is drawn at once.
+    """A signal with the extremes of its blocks, from which any part is drawn without delay.
 
     Parameters
     ----------
     values : ndarray (n,)
-        The signal; kept as it is. What is not finite is left out of the extremes.
+        The signal, not copied; the extremes ignore values that are not finite.
     extremes : (ndarray, ndarray), optional
-        Those of its blocks, as `envelopes` finds them.
+        Extremes of the blocks, from `envelopes`.
     """
 
     def __init__(self, values: Array, extremes: tuple[Array, Array] | None = None) -> None:
@@ -39,7 +39,7 @@ class Envelope:
         first, last : int
             Samples from `first` to before `last`.
         points : int
-            Most points of the line; 4 or more.
+            Largest number of points; 4 or more.
 
         Returns
         -------
@@ -73,7 +73,7 @@ class Envelope:
 
 
 def envelopes(rows: NDArray[Any], wanted: Collection[str]) -> dict[str, Envelope]:
-    """Return those columns that are wanted as signals; one pass finds the extremes of all."""
+    """Return some columns as signals; one pass finds the extremes of all."""
     names = [name for name in rows.dtype.names or () if name in wanted]
     columns = [rows[name] for name in names]
     found = _extremes(columns, len(rows))
@@ -93,7 +93,7 @@ def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]
             for quick, careful, out in ((np.minimum, np.fmin, low[to]), (np.maximum, np.fmax, high[to])):
                 quick.reduce(blocks, axis=1, out=out[:whole])
                 out[whole:] = np.nan
-                # what is not a number is left out, which is slower
+                # NaN is ignored, which is slower
                 for k in np.flatnonzero(np.isnan(out)):
                     out[k] = careful.reduce(part[k * _BLOCK : (k + 1) * _BLOCK])
 

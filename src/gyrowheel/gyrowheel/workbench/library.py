@@ -1,14 +1,18 @@
-"""The recordings in the folders that a user chose; nothing outside of these can be named."""
+"""The recordings of the chosen folders, and those that are open; no file outside these folders can be named."""
 
 from __future__ import annotations
 
 import os
 import re
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
+from gyrowheel.recordings.api import Recording
+from gyrowheel.show.panels import columns
+from gyrowheel.workbench.decimation import Envelope, envelopes
 from gyrowheel_core.errors import InputError, nearest
 
 _DEEPEST = 3  # folders below a chosen one that are searched
@@ -16,7 +20,40 @@ _MARK = "rosbag2_bagfile_information"
 _METADATA = "metadata.yaml"
 _HEAD = 4096  # characters of it that are looked at
 _LENGTH = re.compile(r"\bduration:\s{0,20}\{?\s{0,20}nanoseconds:\s{0,20}(\d{1,18})\b")
-_FRESH = 1.0  # s for which a look at the folders holds for who asks often
+_FRESH = 1.0  # s for which a listing of the folders stays valid
+
+
+#: Use of a recording.
+Role = Literal["fitted", "not used to fit"]
+ROLES: tuple[Role, ...] = ("fitted", "not used to fit")
+
+
+@dataclass(frozen=True)
+class Opened:
+    """An open recording: its use, and signals and setpoints ready to be drawn.
+
+    `described` tells whether its summary is ready, which takes a moment for a long one.
+    """
+
+    key: str
+    recording: Recording
+    role: Role
+    signals: Mapping[str, Envelope]
+    setpoints: Mapping[str, Envelope]
+    described: bool = False
+
+    @classmethod
+    def of(cls, key: str, recording: Recording, role: Role) -> Opened:
+        """Return a recording with the data that the page asks for at once."""
+        drawn = {name for name, _ in columns()}
+        signals, setpoints = (envelopes(rows, drawn) for rows in (recording.measurement, recording.setpoints))
+        _ = recording.time
+        return cls(key, recording, role, signals, setpoints)
+
+    def with_description(self) -> Opened:
+        """Return it with its summary."""
+        _ = self.recording.info
+        return replace(self, described=True)
 
 
 @dataclass(frozen=True)
@@ -26,19 +63,19 @@ class Entry:
     Attributes
     ----------
     key : str
-        What it is asked for by: the number of the chosen folder, and its path within.
+        Number of the chosen folder, and the path within it.
     path : Path
-        Where it is.
+        Path.
     name : str
         Name of its directory.
     inside : str
-        Where it is in the chosen folder, if not in that itself; with that folder, where there are several.
+        Subfolder of the chosen folder; with that folder, if there are several.
     size : int
-        Of its files [bytes].
+        Size of its files [bytes].
     changed : float
-        When it was last changed [s since 1970].
+        Time of the last change [s since 1970].
     duration : float or None
-        Its length as its metadata state it [s]; None where they do not.
+        Length in its metadata [s]; None if not stated.
     """
 
     key: str
@@ -50,7 +87,7 @@ class Entry:
     duration: float | None
 
 
-class Shelf:
+class Library:
     """The recordings of some folders.
 
     Parameters
@@ -73,12 +110,12 @@ class Shelf:
 
     @property
     def first(self) -> Path:
-        """The folder for what is new."""
+        """The folder for new recordings."""
         own = self._folders[0]
         return own.parent if _head(own) is not None else own
 
     def take(self, recording: Path) -> str:
-        """Return the key of a recording that was made here; it is on the shelf from now on."""
+        """Return the key of a new recording, which is listed from now on."""
         place = recording.resolve()
         for entry in self.entries():
             if entry.path == place:
@@ -99,7 +136,7 @@ class Shelf:
         return latest_first
 
     def listed(self) -> list[Entry]:
-        """Return the same as it was a second ago at most: pages ask many times a second while something goes on."""
+        """Return the recordings, at most a second old: pages ask many times a second during a job."""
         looked = self._looked
         return looked[1] if looked and time.monotonic() - looked[0] < _FRESH else self.entries()
 
@@ -134,10 +171,10 @@ def _recordings(folder: Path, depth: int) -> Iterator[tuple[Path, str]]:
 
 
 def _head(folder: Path) -> str | None:
-    """Return the beginning of the metadata of a recording; None for a folder that is none."""
+    """Return the beginning of the metadata of a recording; None for any other folder."""
     file = folder / _METADATA
     try:
-        if not file.is_file():  # nothing that one waits for, such as a pipe
+        if not file.is_file():  # opening a pipe would block
             return None
         with file.open(encoding="utf-8", errors="replace") as stream:
             head = stream.read(_HEAD)
@@ -151,7 +188,7 @@ def _entry(number: int, root: Path, path: Path, head: str, *, several: bool) -> 
     try:
         files = list(path.iterdir())
     except OSError:
-        files = []  # it goes away just now, or may not be looked into: opening it says so
+        files = []  # it was just removed, or is not readable: opening it reports that
     for file in files:
         try:
             state = file.stat()
@@ -175,5 +212,5 @@ def _entry(number: int, root: Path, path: Path, head: str, *, several: bool) -> 
 
 
 def _text(name: str) -> str:
-    """Return a name as text that can be sent: bytes of it that are none are written as escapes."""
+    """Return a name as valid text: other bytes become escapes."""
     return os.fsencode(name).decode("utf-8", "backslashreplace")

@@ -1,4 +1,4 @@
-"""Numbers for the pictures of the page: signals, holds, windows, maps of the residual, how the error fell."""
+"""Numbers for the pictures of the page: signals, holds, windows, maps of the residual, fall of the error."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from gyrowheel.show.panels import columns
 from gyrowheel.show.sentences.events import event_sentence
 from gyrowheel.show.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.decimation import Envelope
-from gyrowheel.workbench.session import ROLES, Desk, Opened
+from gyrowheel.workbench.library import ROLES, Opened
+from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
@@ -36,8 +37,7 @@ _MOST_POINTS = 4000
 _SETPOINT_POINTS = 800
 _MILLI = 1e3
 _ACTUATORS = ("coil x", "coil y", "motor")
-#: Rows of the holds, by actuator: a voltage of the coils and the current of the motor, with the constants that turn
-#: them into torques.
+#: Rows of the holds, by actuator: coil voltages and motor current, with the constants that turn them into torques.
 _LEVELS = (
     ("coil_voltage_x", "coil_constant"),
     ("coil_voltage_y", "coil_constant"),
@@ -48,33 +48,33 @@ _MOST_STATES = 3000
 _MOST_GAPS = 200
 
 
-def signal(desk: Desk, key: str, begin: float, end: float, points: int) -> bytes:
-    """Return the signals of a recording in a span of time, for the picture.
+def signal(session: Session, key: str, begin: float, end: float, points: int) -> bytes:
+    """Return the signals of a recording in a span of time.
 
     Parameters
     ----------
-    desk : Desk
-        The desk.
+    session : Session
+        The session.
     key : str
-        The recording, which is open.
+        Key of an open recording.
     begin, end : float
-        The span [s from its start].
+        The span [s from the start].
     points : int
-        Most points of a line.
+        Largest number of points of a line.
 
     Returns
     -------
     bytes
-        Two blocks, little-endian, the measurement and the setpoints. Each is the number of points as float64, their
-        times [s] as float64, then a float32 a point for every column of the panels in its unit (of the setpoints: for
-        those that it has), with zeros up to a whole number of 8 bytes.
+        Two little-endian blocks, measurement and setpoints. Each has the number of points and their times [s] as
+        float64, then the values as float32 for each column of the panels in its unit (of the setpoints: existing
+        columns only), padded with zeros to a multiple of 8 bytes.
 
     Raises
     ------
     InputError
-        If the recording is not open, or the span is none.
+        If the recording is not open, or the span is empty.
     """
-    own = _opened(desk, key)
+    own = _opened(session, key)
     _require_span(begin, end)
     data = own.recording.data
     asked = min(max(points, 4), _MOST_POINTS)
@@ -101,18 +101,18 @@ def _block(signals: Mapping[str, Envelope], times: Array, begin: float, end: flo
 
 
 def _between(times: Array, places: Array) -> Array:
-    """Return the times of places that may lie between samples; behind the last one, that of the last."""
+    """Return the times of positions between samples; beyond the last sample its time."""
     low = np.minimum(places.astype(np.int64), len(times) - 1)
     high = np.minimum(low + 1, len(times) - 1)
     return times[low] + (places - low) * (times[high] - times[low])
 
 
-def sample(desk: Desk, key: str, time: float) -> dict[str, Any]:
-    """Return the sample of a recording that is nearest to a time: its number, time [s] and columns in their units."""
-    own = _opened(desk, key)
+def sample(session: Session, key: str, time: float) -> dict[str, Any]:
+    """Return the sample nearest to a time: its number, time [s] and columns in their units."""
+    own = _opened(session, key)
     times = own.recording.time
     if not np.isfinite(time) or not len(times):
-        raise InputError(f"time: {time:g} s is none")
+        raise InputError(f"time: {time:g} s must be finite, and the recording must have samples")
     k = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1)) if len(times) > 1 else 0
     if k and time - times[k - 1] < times[k] - time:
         k -= 1
@@ -124,13 +124,13 @@ def sample(desk: Desk, key: str, time: float) -> dict[str, Any]:
     }
 
 
-def motion(desk: Desk, key: str, begin: float, end: float) -> dict[str, Any]:
-    """Return states of the rotor in a span of time, for the view in space.
+def motion(session: Session, key: str, begin: float, end: float) -> dict[str, Any]:
+    """Return states of the rotor in a span of time, for the view in three dimensions.
 
-    Each is the mean over a thirtieth of a second, or over a longer time where the span is long: time [s], tilt [rad],
-    spin rate [rad/s], torque of the coils by their voltages and the constant of the model [N·m].
+    Each is a mean over a thirtieth of a second, longer in a long span: time [s], tilt [rad], spin rate [rad/s], coil
+    torque from voltages and the coil constant of the model [N·m].
     """
-    own = _opened(desk, key)
+    own = _opened(session, key)
     _require_span(begin, end)
     times, rows = own.recording.time, own.recording.measurement
     first, last = np.searchsorted(times, [begin, end])
@@ -145,7 +145,7 @@ def motion(desk: Desk, key: str, begin: float, end: float) -> dict[str, Any]:
         found: list[float] = (np.add.reduceat(some, edges - first) / width * scale).tolist()
         return found
 
-    coil = desk.step.model.bench.value("coil_constant")
+    coil = session.step.model.bench.value("coil_constant")
     return {
         "time": means(times),
         "tilt_x": means(rows["tilt_x"]),
@@ -156,26 +156,26 @@ def motion(desk: Desk, key: str, begin: float, end: float) -> dict[str, Any]:
     }
 
 
-def found(desk: Desk) -> dict[str, Any]:
-    """Return all that was found, for the pictures."""
+def found(session: Session) -> dict[str, Any]:
+    """Return the results for the pictures."""
     return {
-        "facts": desk.facts,
-        "windows": windows(desk),
-        "maps": maps(desk),
-        "holds": holds(desk),
-        "events": events(desk),
-        "fall": fall(desk),
+        "facts": session.facts,
+        "windows": windows(session),
+        "maps": maps(session),
+        "holds": holds(session),
+        "events": events(session),
+        "fall": fall(session),
     }
 
 
-def windows(desk: Desk) -> dict[str, Any] | None:
-    """Return the windows of the comparison with their residuals, for the map and what is linked with it."""
-    found = desk.step.comparison
+def windows(session: Session) -> dict[str, Any] | None:
+    """Return the windows of the comparison with their residuals, for the linked pictures."""
+    found = session.step.comparison
     if found is None:
         return None
-    data, keys = found.data, [own.key for own in desk.opened.values() if own.role == ROLES[0]]
+    data, keys = found.data, [own.key for own in session.opened.values() if own.role == ROLES[0]]
     w, tilt = data.windows, data.parts.get(COILS)
-    # without both coil voltages the coils have no residual
+    # without both coil voltages there is no residual of the coils
     values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values
     unit = unit_for(float(np.median(np.abs(values))), "N·m")
     return {
@@ -196,11 +196,11 @@ def windows(desk: Desk) -> dict[str, Any] | None:
     }
 
 
-def maps(desk: Desk) -> list[dict[str, Any]]:
+def maps(session: Session) -> list[dict[str, Any]]:
     """Return χ²/N of every channel over every variable, each cell with its windows."""
-    if desk.step.comparison is None:
+    if session.step.comparison is None:
         return []
-    data = desk.step.comparison.data
+    data = session.step.comparison.data
     return [
         {
             "variable": variable,
@@ -219,7 +219,7 @@ def maps(desk: Desk) -> list[dict[str, Any]]:
 
 
 def members(data: WindowResiduals, variable: str, cell: Cell) -> NDArray[np.bool_]:
-    """Return which windows are in a cell of a map over one variable."""
+    """Return a mask of the windows in a cell of a map over one variable."""
     w, span = data.windows, cell.spans[variable]
     tilt = np.asarray(w.mean_tilt)
     if variable == "azimuth":
@@ -232,15 +232,15 @@ def members(data: WindowResiduals, variable: str, cell: Cell) -> NDArray[np.bool
     return np.asarray((values >= span.low) & (values <= span.high))
 
 
-def region(desk: Desk, chosen: Sequence[int]) -> dict[str, Any]:
-    """Return what is said of some windows: their share of the misfit, and what the residual looks like in them.
+def region(session: Session, chosen: Sequence[int]) -> dict[str, Any]:
+    """Return the share of the misfit in some windows, and sentences about their residual.
 
     Raises
     ------
     InputError
-        If nothing is compared, or there are no such windows.
+        If there is no comparison, or no such window.
     """
-    result = desk.step.comparison
+    result = session.step.comparison
     if result is None:
         raise InputError("windows: nothing is compared yet")
     data = result.data
@@ -258,35 +258,34 @@ def region(desk: Desk, chosen: Sequence[int]) -> dict[str, Any]:
         "share": some.chi2 / data.chi2 if data.chi2 else 0.0,
         "said": [
             {"where": region_name(own), "share": own.share_of_chi2, "looks": region_description(own)}
-            for own in regions(some, desk.step.model.details.bench)
+            for own in regions(some, session.step.model.details.bench)
         ],
     }
 
 
-def holds(desk: Desk) -> dict[str, Any]:
+def holds(session: Session) -> dict[str, Any]:
     """Return measured and predicted torques and voltages of every hold, by the key of the recording.
 
-    The torques in mN·m, the change of voltages from the reference hold in mV; the level of a voltage of the coils [V]
-    and of the current of the motor [A] as measured and as predicted, for the panels of the signals. ``before`` is the
-    prediction of the model before its last change here, null without one.
+    Torques in mN·m, voltage changes from the reference hold in mV; levels of coil voltage [V] and motor current [A] for
+    the panels of the signals. ``before`` is the prediction of the previous model in this session, null without one.
     """
-    step = desk.step
-    before = desk.steps[-2].holds if len(desk.steps) > 1 else {}
+    step = session.step
+    before = session.steps[-2].holds if len(session.steps) > 1 else {}
     return {
         key: _holds(
-            own, desk.opened[key].recording.data.start_ns, before.get(key, ()), step.model.bench.value
+            own, session.opened[key].recording.data.start_ns, before.get(key, ()), step.model.bench.value
         )
         for key, own in step.holds.items()
-        if key in desk.opened and own
+        if key in session.opened and own
     }
 
 
-def heard(desk: Desk) -> dict[str, Any]:
-    """Return the holds of the running benches as `holds` does, by the drag estimators of their graphs."""
-    value = desk.step.model.bench.value
+def heard(session: Session) -> dict[str, Any]:
+    """Return the holds of the running benches as `holds` does, from their drag estimators."""
+    value = session.step.model.bench.value
     return {
         key: _holds(running.holds, running.start_ns, (), value)
-        for key, running in desk.live.runs.items()
+        for key, running in session.live.runs.items()
         if running.holds
     }
 
@@ -345,11 +344,11 @@ def _holds(
     }
 
 
-def events(desk: Desk) -> dict[str, list[dict[str, Any]]]:
-    """Return what happened in the middle of the recordings, by their keys: found changes, stops, missing samples."""
+def events(session: Session) -> dict[str, list[dict[str, Any]]]:
+    """Return the events of the recordings, by their keys: changes found, stops, missing samples."""
     marks: dict[str, list[dict[str, Any]]] = {}
-    dated = () if desk.step.diagnosis is None else desk.step.diagnosis.events
-    for own in list(desk.opened.values()):
+    dated = () if session.step.diagnosis is None else session.step.diagnosis.events
+    for own in list(session.opened.values()):
         rows = [
             {"time": e.time, "end": e.end if e.end is not None else e.time, "said": event_sentence(e)}
             for e in dated
@@ -368,10 +367,10 @@ def events(desk: Desk) -> dict[str, list[dict[str, Any]]]:
     return marks
 
 
-def fall(desk: Desk) -> list[dict[str, Any]]:
-    """Return how the error fell with the changes made here: χ²/N on fitted and on unused recordings."""
+def fall(session: Session) -> list[dict[str, Any]]:
+    """Return the fall of the error in this session: χ²/N on fitted and validation recordings."""
     rows: list[dict[str, Any]] = []
-    for step in list(desk.steps):
+    for step in list(session.steps):
         added = step.model.added
         if added is None:
             continue
@@ -389,8 +388,8 @@ def _chi2(fitted: Any, unused: Any) -> dict[str, float | None]:
     return {"fitted": fitted.chi2_per_n, "unused": None if unused is None else unused.chi2_per_n}
 
 
-def _opened(desk: Desk, key: str) -> Opened:
-    own = desk.opened.get(key)
+def _opened(session: Session, key: str) -> Opened:
+    own = session.opened.get(key)
     if own is None:
         raise InputError(f"recording {key!r}: is not open")
     return own
@@ -398,4 +397,4 @@ def _opened(desk: Desk, key: str) -> Opened:
 
 def _require_span(begin: float, end: float) -> None:
     if not (np.isfinite(begin) and np.isfinite(end) and begin < end):
-        raise InputError(f"span: {begin:g} to {end:g} s is none")
+        raise InputError(f"span: {begin:g} to {end:g} s: the end must be after the start")

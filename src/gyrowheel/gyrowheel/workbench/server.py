@@ -1,4 +1,4 @@
-"""The server of the workbench: a page, its state, its signals, and what a user may do; on tornado."""
+"""The server of the workbench: page, state, signals and actions; on tornado."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 
-from gyrowheel.report.charts import POLICY
+from gyrowheel.report.pictures import POLICY
 from gyrowheel.show.html import style_sheet
 from gyrowheel.workbench import pictures, views
-from gyrowheel.workbench.session import Desk
+from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
 from gyrowheel_core.origin_guard import host_names, in_url, is_loopback, refusal
 from gyrowheel_recording.bags import load_loops
 
-_LARGEST = 1 << 20  # request [bytes]
-_BEAT = 15.0  # seconds between signs of life to a waiting page
-_PARTING = 0.1  # seconds in which waiting pages are told that it ends
+_LARGEST = 1 << 20  # largest request [bytes]
+_BEAT = 15.0  # s between heartbeats to a waiting page
+_PARTING = 0.1  # s in which waiting pages learn of the end
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
     "connect-src 'self'; font-src 'self' data:; form-action 'self'; frame-ancestors 'none'; base-uri 'none'"
@@ -46,7 +46,7 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-#: Scripts of the library of pictures, which its package holds.
+#: Scripts of Bokeh, from its package.
 _LIBRARY = ("bokeh.min.js", "bokeh-api.min.js")
 
 
@@ -96,11 +96,11 @@ class Access:
 class _Guarded(RequestHandler):
     """A request that is answered only where `Access` accepts it."""
 
-    desk: Desk
+    session: Session
     access: Access
 
-    def initialize(self, desk: Desk, access: Access) -> None:
-        self.desk, self.access = desk, access
+    def initialize(self, session: Session, access: Access) -> None:
+        self.session, self.access = session, access
 
     def set_default_headers(self) -> None:
         for name, value in _HEADERS.items():
@@ -131,7 +131,7 @@ class _Guarded(RequestHandler):
             self.finish({"error": self._reason})
 
     def log_exception(self, kind: Any, value: Any, trace: Any) -> None:
-        """Leave what the user is told of out of the log."""
+        """Log no errors that the user is shown."""
         if not isinstance(value, InputError | HTTPError):
             super().log_exception(kind, value, trace)
 
@@ -142,7 +142,7 @@ class _Guarded(RequestHandler):
 
 
 def _bytes(text: str) -> bytes:
-    """Return text as it is sent; bytes of a name of a file that are no text become escapes, which JSON has, too."""
+    """Return encoded text; invalid bytes of a file name become escapes, which JSON allows."""
     return text.encode("utf-8", "backslashreplace")
 
 
@@ -168,13 +168,16 @@ class _Login(_Guarded):
         self.redirect("/", status=303)
 
 
-class _State(_Guarded):
-    def get(self) -> None:
-        self.put_json(views.state(self.desk))
+class _Content(_Guarded):
+    """The state of the page, and the numbers of its pictures."""
+
+    def get(self, name: str) -> None:
+        made = {"state": views.state, "found": pictures.found, "heard": pictures.heard}[name]
+        self.put_json(made(self.session))
 
 
 class _Events(_Guarded):
-    """Tells a page of every change, by the number of the state."""
+    """Sends the version of the state to a page at every change."""
 
     async def get(self) -> None:
         self.set_header("Content-Type", "text/event-stream")
@@ -183,12 +186,12 @@ class _Events(_Guarded):
         def tell() -> None:
             loop.call_soon_threadsafe(changed.set)
 
-        end = self.desk.watch(tell)
+        end = self.session.watch(tell)
         try:
             async for _ in _beats(changed):
-                if self.desk.closed:
+                if self.session.closed:
                     return
-                self.write(f"data: {self.desk.version}\n\n")
+                self.write(f"data: {self.session.version}\n\n")
                 await self.flush()
         except StreamClosedError:
             pass
@@ -208,7 +211,7 @@ async def _beats(changed: asyncio.Event) -> AsyncIterator[None]:
 
 
 class _Numbers(_Guarded):
-    """Numbers for the pictures."""
+    """Numbers in the query."""
 
     def number(self, name: str) -> float:
         """Return a number of the query."""
@@ -219,50 +222,40 @@ class _Numbers(_Guarded):
             raise InputError(f"{name}: {text[:40]!r} is no number") from None
 
 
-class _Found(_Numbers):
-    def get(self) -> None:
-        self.put_json(pictures.found(self.desk))
-
-
-class _Heard(_Guarded):
-    def get(self) -> None:
-        self.put_json(pictures.heard(self.desk))
-
-
 class _Signal(_Numbers):
     def get(self) -> None:
         key, points = self.get_query_argument("key"), self.number("points")
         if not 0.0 < points < 1e6:
             raise InputError(f"points: {points:g}; allowed: 1 .. 1e6")
-        content = pictures.signal(self.desk, key, self.number("from"), self.number("until"), int(points))
+        content = pictures.signal(self.session, key, self.number("from"), self.number("until"), int(points))
         self.set_header("Content-Type", "application/octet-stream")
         self.finish(content)
 
 
 class _Sample(_Numbers):
     def get(self) -> None:
-        self.put_json(pictures.sample(self.desk, self.get_query_argument("key"), self.number("time")))
+        self.put_json(pictures.sample(self.session, self.get_query_argument("key"), self.number("time")))
 
 
 class _Motion(_Numbers):
     def get(self) -> None:
         key = self.get_query_argument("key")
-        self.put_json(pictures.motion(self.desk, key, self.number("from"), self.number("until")))
+        self.put_json(pictures.motion(self.session, key, self.number("from"), self.number("until")))
 
 
 class _Report(_Guarded):
-    """The report that was written, to look at and to keep."""
+    """The written report, to view and to save."""
 
     def get(self) -> None:
-        if self.desk.report is None:
-            raise InputError("report: none is written of what is on the workbench now")
+        if self.session.report is None:
+            raise InputError("report: none is written on the latest diagnosis")
         self.set_header("Content-Security-Policy", f"{POLICY}; frame-ancestors 'none'")
-        self.finish(_bytes(self.desk.report))
+        self.finish(_bytes(self.session.report))
 
 
 @stream_request_body
 class _Table(_Guarded):
-    """A table of another program, which is written piece by piece as it comes."""
+    """A table of another program, written to disk as it arrives."""
 
     _file: BinaryIO | None = None
     _place: Path | None = None
@@ -274,7 +267,7 @@ class _Table(_Guarded):
         if self.request.headers.get("Content-Type", "") != "application/octet-stream":
             raise HTTPError(415, reason="only application/octet-stream is taken")
         self.request.connection.set_max_body_size(LARGEST_TABLE)  # type: ignore[union-attr]
-        self._place = self.desk.place_for(self.get_query_argument("name"))
+        self._place = self.session.place_for(self.get_query_argument("name"))
         self._file = self._place.open("wb")
 
     def data_received(self, chunk: bytes) -> None:
@@ -283,15 +276,15 @@ class _Table(_Guarded):
             self._file.write(chunk)
 
     def post(self) -> None:
-        """Look at the table, which has come to its end."""
+        """Read the complete table."""
         if self._file is not None and self._place is not None:
             self._file.close()
-            self.desk.look(self._place)
+            self.session.look(self._place)
             self._file = None
         self.put_json({})
 
     def on_connection_close(self) -> None:
-        """Remove what has come of a table that was given up."""
+        """Remove an incomplete table."""
         if self._file is not None and self._place is not None:
             self._file.close()
             self._place.unlink(missing_ok=True)
@@ -299,24 +292,24 @@ class _Table(_Guarded):
 
 
 class _Preview(_Guarded):
-    """What was measured, as the map of the table reads it."""
+    """The measured signals, as the map of the table reads them."""
 
     def get(self) -> None:
-        if self.desk.table is None or not self.desk.table.picture:
+        if self.session.table is None or not self.session.table.picture:
             raise HTTPError(404)
         self.set_header("Content-Type", "image/png")
-        self.finish(self.desk.table.picture)
+        self.finish(self.session.table.picture)
 
 
 class _Help(_Guarded):
-    """Pages for people who look for help, and one for every effect."""
+    """The help page, and one page for each effect."""
 
     def get(self, name: str | None = None) -> None:
-        self.finish(views.help_page() if name is None else views.effect_page(self.desk, name))
+        self.finish(views.help_page() if name is None else views.effect_page(self.session, name))
 
 
 class _Action(_Guarded):
-    """What a user asks for, as JSON."""
+    """An action of the user, as JSON."""
 
     def post(self, name: str) -> None:
         if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
@@ -332,24 +325,24 @@ class _Action(_Guarded):
         self.put_json(self._do(name, given) or {})
 
     def _do(self, name: str, given: dict[str, str]) -> dict[str, Any] | None:
-        desk = self.desk
+        session = self.session
         actions: dict[str, Callable[[], Any]] = {
-            "open": lambda: desk.open(given["key"], given["role"]),  # type: ignore[arg-type]
-            "close": lambda: desk.close(given["key"]),
-            "compare": desk.compare,
-            "diagnose": desk.diagnose,
-            "add": lambda: desk.add(given["what"]),
-            "formula": lambda: _checked(desk, given["text"]),
-            "region": lambda: pictures.region(desk, _numbers(given["windows"])),
-            "add_formula": lambda: desk.add(given["text"], formula=True),
-            "test": lambda: desk.test(given["plan"], given.get("bench", "")),
-            "map_table": lambda: desk.map_table(given, take="take" in given),
-            "drop_table": desk.drop_table,
-            "demonstrate": desk.demonstrate,
-            "report": desk.write_report,
-            "undo": desk.undo,
-            "save": lambda: {"path": str(desk.save(given["name"]))},
-            "end": desk.end,
+            "open": lambda: session.open(given["key"], given["role"]),  # type: ignore[arg-type]
+            "close": lambda: session.close(given["key"]),
+            "compare": session.compare,
+            "diagnose": session.diagnose,
+            "add": lambda: session.add(given["what"]),
+            "formula": lambda: _checked(session, given["text"]),
+            "region": lambda: pictures.region(session, _numbers(given["windows"])),
+            "add_formula": lambda: session.add(given["text"], formula=True),
+            "test": lambda: session.test(given["plan"], given.get("bench", "")),
+            "map_table": lambda: session.map_table(given, take="take" in given),
+            "drop_table": session.drop_table,
+            "demonstrate": session.demonstrate,
+            "report": session.write_report,
+            "undo": session.undo,
+            "save": lambda: {"path": str(session.save(given["name"]))},
+            "end": session.end,
         }
         if name not in actions:
             raise HTTPError(404)
@@ -367,16 +360,16 @@ def _numbers(text: str) -> list[int]:
         raise InputError(f"windows: {text[:40]!r} are no numbers") from None
 
 
-def _checked(desk: Desk, text: str) -> dict[str, Any]:
-    """Return how a formula is read, or why it is not: to ask is no mistake."""
+def _checked(session: Session, text: str) -> dict[str, Any]:
+    """Return the parsed formula, or the reason why it is refused: a question is no error."""
     try:
-        return views.formula(desk, text)
+        return views.formula(session, text)
     except InputError as error:
         return {"refused": str(error)}
 
 
 class _File(_Guarded):
-    """The script, the style and the library of pictures."""
+    """Scripts and style."""
 
     def get(self, name: str) -> None:
         self.set_header("Content-Type", "text/css" if name.endswith(".css") else "text/javascript")
@@ -398,15 +391,13 @@ def _library(name: str) -> bytes:
     return (Path(bokehjs_path()) / "js" / name).read_bytes()
 
 
-def application(desk: Desk, access: Access) -> Application:
+def application(session: Session, access: Access) -> Application:
     """Return the pages and answers of the workbench."""
     rules: list[tuple[str, type[_Guarded]]] = [
         (r"/", _Page),
         (r"/login", _Login),
-        (r"/state", _State),
+        (r"/(state|found|heard)", _Content),
         (r"/events", _Events),
-        (r"/found", _Found),
-        (r"/heard", _Heard),
         (r"/signal", _Signal),
         (r"/sample", _Sample),
         (r"/motion", _Motion),
@@ -419,38 +410,38 @@ def application(desk: Desk, access: Access) -> Application:
         (r"/files/([a-z-]+(?:\.min)?\.(?:css|js))", _File),
     ]
     return Application(
-        [(rule, handler, {"desk": desk, "access": access}) for rule, handler in rules],
+        [(rule, handler, {"session": session, "access": access}) for rule, handler in rules],
         log_function=lambda handler: None,
         compress_response=False,
     )
 
 
 def _load() -> None:
-    """Load what reads large recordings; what is wrong with it, the first of them tells."""
+    """Load the compiled reader of large recordings; its errors appear at the first of them."""
     with contextlib.suppress(Exception):
         load_loops()
 
 
 def _is_every(address: str) -> bool:
-    """Return whether an address, however it is written, is every one of this computer; OSError if there is none."""
+    """Return whether an address stands for all addresses of this computer; OSError if it is unknown."""
     found = socket.getaddrinfo(address or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     places = (str(own[4][0]).partition("%")[0] for own in found)
     return any(ipaddress.ip_address(place).is_unspecified for place in places)
 
 
 class Server:
-    """The workbench on a port, in a thread of its own, for as long as a block lasts.
+    """The workbench on a port, in a thread, during a block.
 
     Parameters
     ----------
-    desk : Desk
-        What it shows.
+    session : Session
+        The session.
     address : str
-        Address to listen on; any but loopback asks for a token.
+        Address to listen on; any but loopback requires a token.
     port : int
-        Port; 0 for any that is free.
+        Port; 0 for any free one.
     token : bool
-        Whether loopback asks for a token, too: other users of the computer reach it.
+        Whether loopback requires a token too: other users of the computer reach it.
 
     Raises
     ------
@@ -459,9 +450,9 @@ class Server:
     """
 
     def __init__(
-        self, desk: Desk, address: str = "127.0.0.1", port: int = 8080, *, token: bool = False
+        self, session: Session, address: str = "127.0.0.1", port: int = 8080, *, token: bool = False
     ) -> None:
-        self.desk = desk
+        self.session = session
         place = address.strip("[]")
         try:
             if _is_every(place):
@@ -476,24 +467,24 @@ class Server:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
-        # while the user chooses a recording; waited for at the end, since a compiler does not outlive its program well
+        # while the user chooses a recording; joined at the end, since a compiler must not outlive its program
         self._loading = threading.Thread(target=_load)
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{in_url(self._address)}:{self.port}/"
 
     def __enter__(self) -> Server:
-        """Begin to serve."""
+        """Start the server."""
         self._thread.start()
         self._ready.wait(10.0)
         self._loading.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """End the server, and what is under way."""
-        self.desk.shut()
+        """End the server and its job."""
+        self.session.shut()
         if self._loop is not None:
             self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join(10.0)
@@ -502,7 +493,7 @@ class Server:
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
         server = HTTPServer(
-            application(self.desk, self.access), max_body_size=_LARGEST, max_buffer_size=2 * _LARGEST
+            application(self.session, self.access), max_body_size=_LARGEST, max_buffer_size=2 * _LARGEST
         )
         server.add_sockets(self._sockets)
         self._ready.set()

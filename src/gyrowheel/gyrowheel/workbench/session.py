@@ -1,18 +1,16 @@
-"""What is on the workbench: opened recordings, the models one after another, and the work that is under way.
+"""Session of the workbench: opened recordings, the models in sequence, and the running job.
 
-There is one desk, whatever browser looks at it: two pages show the same, and closing a page ends nothing.
+All browsers share one session: two pages show the same, and closing a page ends nothing.
 """
 
 from __future__ import annotations
 
 import contextlib
 import tempfile
-import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from gyrowheel.catalogue.api import own_effect
 from gyrowheel.comparison.api import compare
@@ -20,26 +18,18 @@ from gyrowheel.diagnosis.api import diagnose
 from gyrowheel.drag_comparison.api import drag
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.api import Recording
-from gyrowheel.show.files import new_folder
-from gyrowheel.show.panels import columns
 from gyrowheel.workbench import tables
-from gyrowheel.workbench.bench import SimulatedBench
-from gyrowheel.workbench.decimation import Envelope, envelopes
-from gyrowheel.workbench.jobs import Ended, Job, Trouble, Work, give_back_memory
-from gyrowheel.workbench.library import Shelf
-from gyrowheel.workbench.live import LiveBenches
-from gyrowheel.workbench.report import report_page
-from gyrowheel_core.errors import InputError, nearest, one_line
+from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
+from gyrowheel.workbench.jobs import Jobs, Work
+from gyrowheel.workbench.library import ROLES, Library, Opened, Role
+from gyrowheel.workbench.steps import Step, report_page
+from gyrowheel_core.errors import InputError, nearest
+from gyrowheel_core.files import new_folder
 
 if TYPE_CHECKING:
-    from gyrowheel.comparison.api import Comparison
-    from gyrowheel.diagnosis.api import Diagnosis
     from gyrowheel_analysis.drag.estimate import Estimate
     from gyrowheel_sim.effects import Effect
 
-#: What a recording is used for.
-Role = Literal["fitted", "not used to fit"]
-ROLES: tuple[Role, ...] = ("fitted", "not used to fit")
 #: Why a test cannot be run from here.
 NO_BENCH = (
     "these recordings are not of a simulated bench; run the plan on your bench, and open its recording here"
@@ -47,35 +37,7 @@ NO_BENCH = (
 #: The machine of the demonstration.
 _DEMONSTRATION = SimulatedBench(effect=("aero_cross",), machine=6)
 _LONGEST_NAME = 100  # bytes of the name of a model file
-_PATIENCE = 30.0  # s in which ended work must come to its next line
-
-
-@dataclass(frozen=True)
-class Opened:
-    """A recording on the desk: what it is used for, its signals and setpoints ready to be drawn.
-
-    `described` tells whether what it holds was summed up, which takes a moment for a long one.
-    """
-
-    key: str
-    recording: Recording
-    role: Role
-    signals: Mapping[str, Envelope]
-    setpoints: Mapping[str, Envelope]
-    described: bool = False
-
-    @classmethod
-    def of(cls, key: str, recording: Recording, role: Role) -> Opened:
-        """Return a recording ready to be drawn: what the page asks for at once is not waited for by other requests."""
-        drawn = {name for name, _ in columns()}
-        signals, setpoints = (envelopes(rows, drawn) for rows in (recording.measurement, recording.setpoints))
-        _ = recording.time
-        return cls(key, recording, role, signals, setpoints)
-
-    def with_description(self) -> Opened:
-        """Return it with what it holds summed up."""
-        _ = self.recording.info
-        return replace(self, described=True)
+_PATIENCE = 30.0  # s in which an ended job must reach its next line
 
 
 @contextlib.contextmanager
@@ -87,60 +49,32 @@ def _removed_at_failure(file: Path) -> Iterator[None]:
         raise
 
 
-@dataclass(frozen=True)
-class Step:
-    """A model, and what was found with it.
-
-    Attributes
-    ----------
-    model : Model
-        The model.
-    comparison : Comparison or None
-        Where it fails on the fitted recordings.
-    holds : dict of str to tuple of Estimate
-        What it predicts for every hold of every opened recording beside what was measured, by the recording's key.
-    diagnosis : Diagnosis or None
-        What it lacks.
-    """
-
-    model: Model
-    comparison: Comparison | None = None
-    holds: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
-    diagnosis: Diagnosis | None = None
-
-
-class Desk:
+class Session(Jobs):
     """The state of the workbench; every method may be called from any thread.
 
     Parameters
     ----------
-    shelf : Shelf
+    library : Library
         The recordings that can be opened.
     model : Model
-        The model to begin with.
+        The first model.
     file : Path or None
-        The file that it was read from.
+        Its file.
     """
 
-    def __init__(self, shelf: Shelf, model: Model, file: Path | None = None) -> None:
-        self.shelf = shelf
+    def __init__(self, library: Library, model: Model, file: Path | None = None) -> None:
+        super().__init__()
+        self.library = library
         self.file = file
-        self.version = 0
         self.facts = 0
         self.opened: dict[str, Opened] = {}
         self.steps: list[Step] = [Step(model)]
-        self.job: Job | None = None
-        self.trouble: Trouble | None = None
         self.saved = ""
-        self.kept = model  # as it stands in its file
-        self.report: str | None = None  # on what is on the desk, once it was written
+        self.kept = model  # in its file
+        self.report: str | None = None  # on the latest diagnosis, once written
         self.table: tables.Draft | None = None
         self.closed = False
-        self.live = LiveBenches(self.hear)
-        self.lock = threading.RLock()
-        self._work: Work | None = None
-        self._threads: list[threading.Thread] = []
-        self._watchers: set[Callable[[], None]] = set()
+        self.live = LiveBenches(self.changed)
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
         self._looks = 0
         self._own_files: set[Path] = set() if file is None else {file.resolve()}
@@ -149,25 +83,20 @@ class Desk:
 
     @property
     def step(self) -> Step:
-        """The model as it is now, and what was found with it."""
+        """The latest model, and the results found with it."""
         return self.steps[-1]
 
     def used(self, role: Role) -> list[Recording]:
         """Return the opened recordings of a role."""
         return [own.recording for own in list(self.opened.values()) if own.role == role]
 
-    def watch(self, watcher: Callable[[], None]) -> Callable[[], None]:
-        """Have a function called at every change; return what ends that."""
-        self._watchers.add(watcher)
-        return lambda: self._watchers.discard(watcher)
-
     # --- work
 
     def open(self, key: str, role: Role) -> None:
-        """Open a recording, or change what it is used for."""
+        """Open a recording, or change its use."""
         if role not in ROLES:
             raise InputError(f"role: {role!r} is not allowed; allowed: {', '.join(ROLES)}")
-        entry = self.shelf.find(key)
+        entry = self.library.find(key)
 
         def work(at: Work) -> None:
             own = self.opened.get(key)
@@ -180,9 +109,9 @@ class Desk:
         self._begin(f"opening {entry.name}", f"open {key}", work)
 
     def close(self, key: str) -> None:
-        """Take a recording off the desk."""
+        """Close a recording."""
         with self.lock:
-            self._require_idle()
+            self.require_idle()
             if self.opened.pop(key, None) is not None:
                 self._keep([Step(self.step.model)])
         self.changed()
@@ -193,12 +122,12 @@ class Desk:
         self._begin("comparing", "missing", self._compare)
 
     def diagnose(self) -> None:
-        """Compare the model with the opened recordings, and find what it lacks."""
+        """Compare the model with the opened recordings, and diagnose it."""
         self._data()
         self._begin("diagnosing", "missing", self._diagnose)
 
     def add(self, what: str, *, formula: bool = False) -> None:
-        """Add an effect of the library, or one of the user's own, to the model and fit it."""
+        """Add an effect of the library, or a user-defined formula, to the model and fit it."""
         fitted, unused = self._data()
         item: str | Effect = self.own(what) if formula else what
 
@@ -212,7 +141,7 @@ class Desk:
         self._begin(f"adding {name}", "formula" if formula else "missing", work)
 
     def tests(self) -> list[str]:
-        """Return the plans that the diagnosis asks for: the next test, and those that separate ties."""
+        """Return the plans that the diagnosis names: the next test, and those that separate ties."""
         found = self.step.diagnosis
         if found is None:
             return []
@@ -221,19 +150,19 @@ class Desk:
         return list(dict.fromkeys([*named, *(plan for plan in ties if plan is not None)]))
 
     def test(self, plan: str, bench_key: str = "") -> None:
-        """Run a test that the diagnosis asks for, join it, and diagnose again.
+        """Run a test that the diagnosis names, open its recording, and diagnose again.
 
         Parameters
         ----------
         plan : str
             The plan.
         bench_key : str
-            Key of the running bench that walks it; empty: the simulated machine of the recordings.
+            Key of the running bench that runs it; empty: the simulated machine of the recordings.
 
         Raises
         ------
         InputError
-            If the diagnosis does not ask for it, or there is no such bench.
+            If the diagnosis does not name it, or there is no such bench.
         """
         fitted, _ = self._data()
         if plan not in self.tests():
@@ -261,7 +190,7 @@ class Desk:
         self._begin(f"testing: {plan}", "test", work)
 
     def demonstrate(self) -> None:
-        """Record two tests on a simulated machine that has something the model does not know, and open both."""
+        """Record two tests on a simulated machine with an effect that the model lacks, and open both."""
 
         def work(at: Work) -> None:
             for plan, role in (("quick", ROLES[0]), ("check", ROLES[1])):
@@ -284,31 +213,31 @@ class Desk:
 
     def _join(self, folder: Path, role: Role, at: Work) -> None:
         at.say(f"opening {folder.name}")
-        self._take(Opened.of(self.shelf.take(folder), Recording.open(folder), role), at)
+        self._take(Opened.of(self.library.take(folder), Recording.open(folder), role), at)
 
     def _take(self, own: Opened, at: Work) -> None:
-        """Put a recording on the desk: first to be looked at, then with what it holds."""
+        """Open a recording: first its signals, then its summary."""
         at.change(lambda: self._put(own))
         if not own.described:
-            at.say("summing up what it holds")
+            at.say("summarising it")
             whole = own.with_description()
             at.change(lambda: self.opened.update({own.key: whole}))
 
     def _new_folder(self, name: str) -> Path:
-        return new_folder(self.shelf.first, "".join(c if c.isalnum() else "-" for c in name), 1)
+        return new_folder(self.library.first, "".join(c if c.isalnum() else "-" for c in name), 1)
 
     # --- a table of another program
 
     def place_for(self, name: str) -> Path:
-        """Return where a table that comes from a browser is to be written.
+        """Return the file for a table from a browser.
 
         Raises
         ------
         InputError
-            If its name is none of a file, or something is under way.
+            If its name is no file name, or a job is running.
         """
         with self.lock:
-            self._require_idle()
+            self.require_idle()
             if self._scratch is None:
                 self._scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
             self._looks += 1
@@ -317,7 +246,7 @@ class Desk:
             return folder / tables.file_name(name)
 
     def look(self, file: Path) -> None:
-        """Look at a table, and suggest a map for it; its file is removed when it is not needed any more."""
+        """Read a table and suggest a map for it; its file is removed with the draft."""
         number = self._looks
 
         def work(at: Work) -> None:
@@ -330,19 +259,19 @@ class Desk:
             self._begin(f"looking at {file.name}", "table", work)
 
     def map_table(self, given: Mapping[str, str], *, take: bool = False) -> None:
-        """Correct the map of the table and read it so, or make it a recording and open that to fit.
+        """Correct the map of the table and read it, or make a recording of it and open that.
 
         Parameters
         ----------
         given : mapping of str to str
             The form: see `gyrowheel.workbench.tables.corrected`.
         take : bool
-            Whether to make a recording of it.
+            Whether to make a recording.
 
         Raises
         ------
         InputError
-            If there is no table, or what is given is no map.
+            If there is no table, or the form is no map.
         """
         draft = self.table
         if draft is None:
@@ -364,9 +293,9 @@ class Desk:
         self._begin(title, "table", import_it if take else read)
 
     def drop_table(self) -> None:
-        """Forget the table."""
+        """Remove the table."""
         with self.lock:
-            self._require_idle()
+            self.require_idle()
             self._drop()
         self.changed()
 
@@ -374,7 +303,7 @@ class Desk:
         self.table = draft
 
     def _drop(self) -> None:
-        """Remove the table, and its file."""
+        """Remove the draft and its file."""
         draft, self.table = self.table, None
         if draft is not None:
             draft.file.unlink(missing_ok=True)
@@ -385,12 +314,12 @@ class Desk:
         Raises
         ------
         InputError
-            If it cannot be read, or its units do not agree.
+            If it cannot be parsed, or its units do not agree.
         """
         return own_effect(formula, taken=self.step.model.effects, where="formula")
 
     def write_report(self) -> None:
-        """Write the report on what was found, with the commands that find it again."""
+        """Write the report on the diagnosis, with the commands that repeat it."""
         step = self.step
         if step.diagnosis is None:
             raise InputError("report: nothing is diagnosed yet")
@@ -406,7 +335,7 @@ class Desk:
     def undo(self) -> None:
         """Return to the model before its last change."""
         with self.lock:
-            self._require_idle()
+            self.require_idle()
             self._keep(self.steps[:-1] if len(self.steps) > 1 else [Step(self.step.model.undo())])
             self.trouble, self.saved = None, ""
         self.changed()
@@ -417,9 +346,9 @@ class Desk:
         Raises
         ------
         InputError
-            If the name is none of a model file, or the file is there and was neither opened nor saved here.
+            If the name is no name of a model file, or the file exists and was neither opened nor saved here.
         """
-        folder = self.shelf.first if self.file is None else self.file.parent
+        folder = self.library.first if self.file is None else self.file.parent
         letters = all(c.isalnum() or c in "._-" for c in name) and len(name.encode()) <= _LONGEST_NAME
         if not name.endswith(".yaml") or not letters or name[0] == ".":
             raise InputError(
@@ -430,7 +359,7 @@ class Desk:
         if path.exists() and path.resolve() not in self._own_files:
             raise InputError(f"name: {path} exists; choose another one")
         with self.lock:
-            self._require_idle()
+            self.require_idle()
             self.step.model.save(path)
             self.file, self.saved, self.kept = path, str(path), self.step.model
             self.report = None  # its commands name another file
@@ -438,26 +367,11 @@ class Desk:
         self.changed()
         return path
 
-    def end(self) -> None:
-        """End the work that is under way, at once: the desk is as it was, but for what was found or opened by then."""
-        with self.lock:
-            if self._work is not None:
-                self._finish(self._work, Trouble(self._work.place, "ended"))
-        self.changed()
-
-    def wait(self, seconds: float) -> None:
-        """Wait until nothing is under way, and what was ended has stopped."""
-        until = time.monotonic() + seconds
-        for thread in list(self._threads):
-            thread.join(max(until - time.monotonic(), 0.0))
-            if thread.is_alive():
-                raise TimeoutError(f"the work goes on after {seconds:g} s")
-
     def shut(self) -> None:
-        """End everything: the work, and what waits for changes."""
+        """End the session: its job, and the watchers."""
         self.closed = True
         self.end()
-        with contextlib.suppress(TimeoutError):  # it dies with the program
+        with contextlib.suppress(TimeoutError):  # it ends with the program
             self.wait(_PATIENCE)
         if self._scratch is not None:
             self._scratch.cleanup()
@@ -472,38 +386,9 @@ class Desk:
 
     def _begin(self, title: str, place: str, work: Callable[[Work], None]) -> None:
         with self.lock:
-            self._require_idle()
-            self.job, self.trouble, self.saved = Job(title), None, ""
-            self._work = own = Work(self, place)
-            self._threads = [each for each in self._threads if each.is_alive()]
-            thread = threading.Thread(target=self._run, args=(own, work), daemon=True)
-            self._threads.append(thread)
-            thread.start()
-        self.changed()
-
-    def _run(self, own: Work, work: Callable[[Work], None]) -> None:
-        trouble = None
-        try:
-            work(own)
-        except Ended:  # which is shown already
-            pass
-        except InputError as error:
-            trouble = Trouble(own.place, str(error))
-        except Exception as error:  # a defect of ours: the page says so and goes on
-            trouble = Trouble(own.place, f"{type(error).__name__}: {one_line(error)}")
-        with self.lock:
-            self._finish(own, trouble)
-        self.changed()
-        give_back_memory()
-
-    def _finish(self, own: Work, trouble: Trouble | None) -> None:
-        if not own.ended:
-            own.ended, self._work, self.job, self.trouble = True, None, None, trouble
-
-    def tell(self, line: str, part: float | None) -> None:
-        """Take the line of what is under way, and the fraction that is done."""
-        if self.job is not None:
-            self.job = replace(self.job, line=line, part=part)
+            self.require_idle()
+            self.saved = ""
+        self.begin(title, place, work)
 
     def _compare(self, at: Work) -> None:
         fitted, _ = self._data()
@@ -516,7 +401,7 @@ class Desk:
     def _diagnose(self, at: Work) -> None:
         try:
             self._compare(at)
-        except InputError:  # the diagnosis tells why, and what to do
+        except InputError:  # the diagnosis gives the reason
             at.change(lambda: self._keep([*self.steps[:-1], Step(self.step.model)]))
         fitted, unused = self._data()
         found = diagnose(fitted, self.step.model, validate=unused, progress=at.say)
@@ -527,12 +412,12 @@ class Desk:
         found = {}
         for own in list(self.opened.values()):
             at.say(f"predicting the holds of {own.recording.name}")
-            with contextlib.suppress(InputError):  # there is no hold
+            with contextlib.suppress(InputError):  # no hold
                 (found[own.key],) = drag(own.recording, model, signals=False).holds
         return found
 
     def _put(self, own: Opened) -> None:
-        """Put a recording on the desk; what was found belongs to others. The model stays."""
+        """Open a recording; the results, which belong to other recordings, are removed. The model stays."""
         self.opened[own.key] = own
         self._keep([Step(self.step.model)])
 
@@ -542,18 +427,3 @@ class Desk:
 
     def _lay_report(self, text: str) -> None:
         self.report = text
-
-    def hear(self) -> None:
-        """Take notice that a running bench was heard."""
-        self.changed()
-
-    def _require_idle(self) -> None:
-        if self.job is not None:
-            raise InputError(f"busy: {self.job.title}; end it first")
-
-    def changed(self) -> None:
-        """Tell all who watch."""
-        with self.lock:
-            self.version += 1
-        for watcher in list(self._watchers):
-            watcher()

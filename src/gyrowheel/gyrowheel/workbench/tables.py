@@ -1,4 +1,4 @@
-"""A table of another program on the workbench: its map is suggested, corrected and tried, then it is a recording."""
+"""Tables of other programs: a map is suggested, corrected and tried; then the table becomes a recording."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import short
 from gyrowheel_recording.mapping.map_file import READINGS
 
-#: Largest table that is taken from a browser [bytes].
+#: Largest table from a browser [bytes].
 LARGEST = 256 << 20
 _LONGEST_NAME = 120  # bytes
 _TIME = "time"
-#: What a map says of a reading that can be corrected here.
+#: Parts of a map that the form can correct.
 PARTS = ("column", "unit", "scale")
 
 
 @dataclass(frozen=True)
 class Draft:
-    """A table, and the map by which it is read as it is now.
+    """A table and its current map.
 
     Attributes
     ----------
     number : int
-        Counts the looks at tables, for the address of the picture.
+        Number of the reading, for the address of the picture.
     name : str
-        Name of its file.
+        Name of the file.
     file : Path
-        Where it is kept until it is a recording.
+        Its temporary place.
     kind : str
         Its format.
     columns : tuple of str
-        Names of its columns.
+        Names of the columns.
     content : mapping
         The map.
     reasons : mapping of str to str
-        Why a column is taken for a reading, where that was suggested.
+        Reasons of the suggested columns.
     questions, remarks : tuple of str
-        What must be answered, and what is good to know.
+        Questions that the user must answer, and remarks.
     picture : bytes
-        What was measured, as the map reads it, as PNG; empty where it cannot be read.
+        The measured signals as PNG; empty if the table cannot be read.
     """
 
     number: int
@@ -64,7 +64,7 @@ class Draft:
     picture: bytes = b""
 
     def rows(self) -> list[dict[str, str]]:
-        """Return what the map says of the time and of every reading, to be corrected."""
+        """Return the rows of the form: time and every reading."""
         rows = []
         for name in (_TIME, *READINGS):
             source = self.content.get(_TIME) if name == _TIME else self.content.get("columns", {}).get(name)
@@ -84,27 +84,27 @@ class Draft:
 
 
 def file_name(text: str) -> str:
-    """Return the name of an uploaded file as one within a folder.
+    """Return the name of an uploaded file as a safe file name.
 
     Raises
     ------
     InputError
-        If nothing of it can be one.
+        If no character of it is allowed.
     """
     name = "".join(c if c.isalnum() or c in "._- " else "_" for c in Path(text).name)
     name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").strip(". ")
     if not name:
-        raise InputError(f"name: {text[:40]!r} is none of a file")
+        raise InputError(f"name: {text[:40]!r} is no file name")
     return name
 
 
 def looked(number: int, file: Path, model: Model) -> Draft:
-    """Look at a table of the bench of a model, and return it with the map that is suggested.
+    """Return a table with a suggested map, for the bench of a model.
 
     Raises
     ------
     InputError
-        If it cannot be read at all.
+        If the file cannot be read.
     """
     try:
         found = suggest_map(file, bench=model.bench_source)
@@ -127,7 +127,7 @@ def looked(number: int, file: Path, model: Model) -> Draft:
 
 
 def corrected(draft: Draft, given: Mapping[str, str]) -> dict[str, Any]:
-    """Return the map of a table with what a user wrote in its form: ``tilt_x.column``, ``.unit``, ``.scale``.
+    """Return the map of a table, corrected by its form: ``tilt_x.column``, ``.unit``, ``.scale``.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def corrected(draft: Draft, given: Mapping[str, str]) -> dict[str, Any]:
         column, unit, scale = (given.get(f"{name}.{part}", "").strip() for part in PARTS)
         before = into.get(name) or {}
         if not column:
-            if "value" not in before:  # a constant stays
+            if "value" not in before:  # a constant is kept
                 into.pop(name, None)
             continue
         source = dict(before) if before.get("column") == column else {"column": column}
@@ -159,12 +159,12 @@ def corrected(draft: Draft, given: Mapping[str, str]) -> dict[str, Any]:
 
 
 def tried(draft: Draft, number: int, content: Mapping[str, Any], model: Model) -> Draft:
-    """Read a table by a map, and return it with the picture, and with what the laws of the wheel say against it.
+    """Read a table by a map, and return it with the picture and the contradictions to the physics of the wheel.
 
     Raises
     ------
     InputError
-        If it cannot be read so.
+        If the table cannot be read by the map.
     """
     recording = made(draft, content, None)
     wrong = wrong_setups([recording], model.details)
@@ -183,7 +183,7 @@ def tried(draft: Draft, number: int, content: Mapping[str, Any], model: Model) -
 
 
 def made(draft: Draft, content: Mapping[str, Any], folder: Path | None) -> Recording:
-    """Return the recording that a map makes of a table, in a new folder or a temporary one."""
+    """Return the recording of a table read by a map, in a new folder or a temporary one."""
     try:
         return read_table(draft.file, content, folder)
     except InputError as error:
@@ -191,5 +191,5 @@ def made(draft: Draft, content: Mapping[str, Any], folder: Path | None) -> Recor
 
 
 def _said(what: object, file: Path) -> str:
-    """Return a sentence with the name of the file alone: where it is kept here is nobody's business."""
+    """Return a sentence with the name of the file instead of its temporary path."""
     return str(what).replace(str(file), file.name)

@@ -55,14 +55,17 @@ def workbench(
     import threading
 
     import gyrowheel as gw
-    from gyrowheel.workbench.library import Shelf
+    from gyrowheel.workbench.library import Library
     from gyrowheel.workbench.server import Server
-    from gyrowheel.workbench.session import Desk
+    from gyrowheel.workbench.session import Session
 
     loaded = gw.Model() if model is None else gw.Model.load(model)
-    shelf = Shelf(directories or [Path()])
-    desk = Desk(shelf, loaded, model)
-    with Server(desk, address, port, token=token) as server, desk.live if live else contextlib.nullcontext():
+    library = Library(directories or [Path()])
+    session = Session(library, loaded, model)
+    with (
+        Server(session, address, port, token=token) as server,
+        session.live if live else contextlib.nullcontext(),
+    ):
         out().print(f"page: {server.url}", soft_wrap=True)
         if server.access.token:
             notes().print(f"token: {server.access.token}", soft_wrap=True)
@@ -70,5 +73,5 @@ def workbench(
         try:
             threading.Event().wait()
         finally:
-            if desk.step.model is not desk.kept:
+            if session.step.model is not session.kept:
                 notes().print("the changes of the model were not saved")

@@ -1,4 +1,4 @@
-"""What the page shows of the desk in words and tables: parts of HTML, made by the same templates as the report."""
+"""Words and tables of the page: parts of HTML from the templates of the report."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ from gyrowheel.show.formulas import pretty
 from gyrowheel.show.html import environment, style_sheet
 from gyrowheel.show.mathml import typeset
 from gyrowheel.show.panels import PANELS
-from gyrowheel.workbench.bench import SimulatedBench
-from gyrowheel.workbench.report import MODEL
-from gyrowheel.workbench.session import NO_BENCH, ROLES, Desk
+from gyrowheel.show.sentences.proof import proof_sentence
+from gyrowheel.workbench.benches import SimulatedBench
+from gyrowheel.workbench.library import ROLES
+from gyrowheel.workbench.session import NO_BENCH, Session
+from gyrowheel.workbench.steps import MODEL
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.units import DEG, RPM, unit_for
@@ -31,10 +33,10 @@ if TYPE_CHECKING:
 
     from gyrowheel_recording.bags import RecordingInfo
 
-#: Recordings that the page lists: the latest.
+#: Number of recordings that the page lists, latest first.
 MOST_LISTED = 500
 
-#: Units that are offered for the columns of a table; others are taken, too.
+#: Units offered for the columns of a table; others are allowed.
 _UNITS = (
     "s", "ms", "us", "ns", "timestamp", "deg", "rad", "mrad", "rpm", "rad/s", "deg/s", "turn", "count", "V", "mV",
     "A", "mA", "K", "degC", "Pa", "hPa", "kPa", "bar",
@@ -45,12 +47,12 @@ def _templates() -> jinja2.Environment:
     return environment("gyrowheel.workbench", "gyrowheel.report")
 
 
-def state(desk: Desk) -> dict[str, Any]:
-    """Return all that the page shows, but what its pictures are drawn of."""
-    job, trouble, opened = desk.job, desk.trouble, list(desk.opened.values())
+def state(session: Session) -> dict[str, Any]:
+    """Return the state of the page, without the numbers of its pictures."""
+    job, trouble, opened = session.job, session.trouble, list(session.opened.values())
     alike = Counter(own.recording.name for own in opened)
     return {
-        "version": desk.version,
+        "version": session.version,
         "job": None
         if job is None
         else {
@@ -60,7 +62,7 @@ def state(desk: Desk) -> dict[str, Any]:
             "seconds": round(time.monotonic() - job.began, 1),
         },
         "trouble": None if trouble is None else {"place": trouble.place, "sentence": trouble.sentence},
-        "parts": {name: _part(name, desk) for name in _CONTENT},
+        "parts": {name: _part(name, session) for name in _CONTENT},
         "signals": [
             {
                 "key": own.key,
@@ -72,14 +74,14 @@ def state(desk: Desk) -> dict[str, Any]:
             }
             for own in opened
         ],
-        "facts": desk.facts,
-        # what of the running benches is drawn: not where they are, which changes all the time
+        "facts": session.facts,
+        # version of the drawn holds of running benches: not their position, which changes all the time
         "heard": [
             f"{key} {run.start_ns} {len(run.holds)} {run.holds[-1].stamp_ns}"
-            for key, run in desk.live.runs.items()
+            for key, run in session.live.runs.items()
             if run.holds
         ],
-        "live": {key: {"title": run.title, "words": run.words()} for key, run in desk.live.runs.items()},
+        "live": {key: {"title": run.title, "words": run.words()} for key, run in session.live.runs.items()},
     }
 
 
@@ -102,20 +104,20 @@ def page() -> str:
 
 
 def help_page() -> str:
-    """Return the page for people who look for help."""
+    """Return the help page."""
     template = _templates().get_template("help.html")
     return template.render(style=style_sheet(), quantities=QUANTITIES)
 
 
-def effect_page(desk: Desk, name: str) -> str:
-    """Return the page of an effect, of the library or of the model.
+def effect_page(session: Session, name: str) -> str:
+    """Return the page of an effect of the library or of the model.
 
     Raises
     ------
     InputError
-        If there is none of that name.
+        If the name is unknown.
     """
-    library = desk.step.model.details.library
+    library = session.step.model.details.library
     if name not in library:
         raise InputError(f"effect: {name!r} is not known; {nearest(name, library)}")
     own = library[name]
@@ -139,19 +141,19 @@ def effect_page(desk: Desk, name: str) -> str:
 
 
 def login(sentence: str) -> str:
-    """Return the page that asks for the token."""
+    """Return the page that requests the token."""
     return _templates().get_template("login.html").render(sentence=sentence, style=style_sheet())
 
 
-def formula(desk: Desk, text: str) -> dict[str, Any]:
-    """Return how a formula is read: its law, and its coefficients with their units.
+def formula(session: Session, text: str) -> dict[str, Any]:
+    """Return the parsed formula: its law, and its coefficients with their units.
 
     Raises
     ------
     InputError
-        If it cannot be read, or its units do not agree.
+        If it cannot be parsed, or its units do not agree.
     """
-    effect = desk.own(text)
+    effect = session.own(text)
     return {
         "name": effect.name,
         "law": pretty(effect.formula),
@@ -161,15 +163,15 @@ def formula(desk: Desk, text: str) -> dict[str, Any]:
     }
 
 
-def _part(name: str, desk: Desk) -> Markup:
-    return Markup(_templates().get_template(f"bench_{name}.html").render(_CONTENT[name](desk)))
+def _part(name: str, session: Session) -> Markup:
+    return Markup(_templates().get_template(f"bench_{name}.html").render(_CONTENT[name](session)))
 
 
-def _recordings(desk: Desk) -> dict[str, Any]:
+def _recordings(session: Session) -> dict[str, Any]:
     rows: list[dict[str, Any]] = []
     more = 0
-    for place, entry in enumerate(desk.shelf.listed()):
-        own = desk.opened.get(entry.key)
+    for place, entry in enumerate(session.library.listed()):
+        own = session.opened.get(entry.key)
         if place >= MOST_LISTED and own is None:
             more += 1
             continue
@@ -190,13 +192,13 @@ def _recordings(desk: Desk) -> dict[str, Any]:
         "rows": rows,
         "more": more,
         "roles": ROLES,
-        "busy": desk.job is not None,
-        "running": desk.live.runs,
+        "busy": session.job is not None,
+        "running": session.live.runs,
     }
 
 
 def _facts(info: RecordingInfo) -> Iterator[str]:
-    """Yield what a recording holds: length and integrity, where it has been, of what it is."""
+    """Yield facts about a recording: length and integrity, range of motion, bench and machine."""
     yield f"{info.duration:.1f} s at {info.rate:.0f} Hz, {integrity_text(info.integrity)}"
     (slow, fast), tilt = info.spin_rate, info.tilt[1]
     been = [f"{slow / RPM:.0f} … {fast / RPM:.0f} rpm"] if math.isfinite(slow + fast) else []
@@ -208,31 +210,31 @@ def _facts(info: RecordingInfo) -> Iterator[str]:
     yield from [", ".join(of)] if of else []
 
 
-def _table(desk: Desk) -> dict[str, Any]:
-    return {"draft": desk.table, "units": _UNITS}
+def _table(session: Session) -> dict[str, Any]:
+    return {"draft": session.table, "units": _UNITS}
 
 
-def _tour(desk: Desk) -> dict[str, Any]:
-    step, added = desk.step, any(step.model.added is not None for step in desk.steps)
+def _tour(session: Session) -> dict[str, Any]:
+    step, added = session.step, any(step.model.added is not None for step in session.steps)
     done = [
-        bool(desk.used(ROLES[0])),
+        bool(session.used(ROLES[0])),
         step.comparison is not None or step.diagnosis is not None or added,
         added,
-        added and step.model is desk.kept,
+        added and step.model is session.kept,
     ]
     return {
         "done": done,
         "next": done.index(False) if False in done else None,
-        "unused": bool(desk.used(ROLES[1])),
+        "unused": bool(session.used(ROLES[1])),
     }
 
 
-def _missing(desk: Desk) -> dict[str, Any]:
-    result, comparison, model = desk.step.diagnosis, desk.step.comparison, desk.step.model
+def _missing(session: Session) -> dict[str, Any]:
+    result, comparison, model = session.step.diagnosis, session.step.comparison, session.step.model
     inside = set(model.effects)
     shared: dict[str, Any] = {
-        "ready": bool(desk.used(ROLES[0])),
-        "busy": desk.job is not None,
+        "ready": bool(session.used(ROLES[0])),
+        "busy": session.job is not None,
         "added": model.added is not None,
         "effects": sorted(name for name in registry() if name not in inside),
     }
@@ -240,48 +242,45 @@ def _missing(desk: Desk) -> dict[str, Any]:
         wrong = () if comparison is None else comparison.setup
         return shared | {"found": None, "setup": sections.setup(wrong)}
     found, cells = result, Cells({"diagnosis": result.to_dict()})
-    limits = sections.limits(found, cells)
-    return shared | {
-        "found": found,
-        "report": desk.report is not None,
-        "summary": cells.words("diagnosis.summary"),
-        "mood": sections.MOOD[found.verdict],
-        "proof": None if found.proof is None else cells.words("diagnosis.proof.reason"),
-        "proven": None if found.proof is None else found.proof.proven,
-        "setup": sections.setup(result.setup),
-        "findings": [
-            item | {"page": item["name"] in model.details.library} for item in sections.findings(found, cells)
-        ],
-        "ties": {finding.name: [tie.name for tie in finding.ties] for finding in found.effects},
-        "instruments": sections.instruments(found, cells),
-        "forms": sections.forms(found, cells),
-        "formulas": [f"{form.name}: {form.formula}" for form in found.free_form],
-        "simple": [f"{form.name}: {form.simple}" for form in found.free_form],
-        "events": sections.events(found),
-        "readings": sections.readings(found, cells),
-        "remarks": sections.remarks(found, cells),
-        "next_test": sections.next_test(found, cells),
-        "tests": desk.tests(),
-        "runs_here": _simulated(desk),
-        "benches": {key: run.title for key, run in desk.live.runs.items() if not run.silent},
-        "no_bench": NO_BENCH,
-        "regions": sections.regions(cells),
-        "limits": {
-            group: [row for row in limits if row["group"] == group] for group in ("hidden", "partly", "seen")
-        },
-    }
+    shown = sections.of_diagnosis(found, cells)
+    return (
+        shared
+        | shown
+        | {
+            "found": found,
+            "report": session.report is not None,
+            "proof": None if found.proof is None else cells.words("diagnosis.proof.reason"),
+            "proven": None if found.proof is None else found.proof.proven,
+            "findings": [
+                item | {"page": item["name"] in model.details.library} for item in shown["findings"]
+            ],
+            "ties": {finding.name: [tie.name for tie in finding.ties] for finding in found.effects},
+            "formulas": [f"{form.name}: {form.formula}" for form in found.free_form],
+            "simple": [f"{form.name}: {form.simple}" for form in found.free_form],
+            "tests": session.tests(),
+            "runs_here": _simulated(session),
+            "benches": {key: run.title for key, run in session.live.runs.items() if not run.silent},
+            "no_bench": NO_BENCH,
+        }
+    )
 
 
-def _error(desk: Desk) -> dict[str, Any]:
-    added, found = desk.step.model.added, desk.step.diagnosis
-    result, name, text = (found, "diagnosis", "") if added is None else (added, "addition", str(added))
-    if result is None:
-        return {"error": None, "text": ""}
-    return {"error": sections.error_rows(Cells({name: result.to_dict()}), f"{name}.error"), "text": text}
+def _error(session: Session) -> dict[str, Any]:
+    added, found = session.step.model.added, session.step.diagnosis
+    if added is not None:
+        text = f"{added.headline()} {proof_sentence(added.proof, added.error)}"
+        return {
+            "error": sections.error_rows(Cells({"addition": added.to_dict()}), "addition.error"),
+            "text": text,
+        }
+    if found is not None:
+        rows = sections.error_rows(Cells({"diagnosis": found.to_dict()}), "diagnosis.error")
+        return {"error": rows, "text": ""}
+    return {"error": None, "text": ""}
 
 
-def _model(desk: Desk) -> dict[str, Any]:
-    model = desk.step.model
+def _model(session: Session) -> dict[str, Any]:
+    model = session.step.model
     cells = Cells({"model": {"content": model.to_dict()}})
     return {
         "origin": model.origin,
@@ -289,10 +288,10 @@ def _model(desk: Desk) -> dict[str, Any]:
         "effects": sections.model_effects(model, cells),
         "history": sections.history(model, cells),
         "text": _yaml(model.to_dict()),
-        "busy": desk.job is not None,
-        "saved": desk.saved,
-        "unsaved": model is not desk.kept,
-        "name": desk.file.name if desk.file is not None else MODEL,
+        "busy": session.job is not None,
+        "saved": session.saved,
+        "unsaved": model is not session.kept,
+        "name": session.file.name if session.file is not None else MODEL,
     }
 
 
@@ -303,9 +302,9 @@ def _yaml(content: Mapping[str, Any]) -> str:
     return yaml.safe_dump(shown, sort_keys=False, width=100, default_flow_style=None, allow_unicode=True)
 
 
-def _simulated(desk: Desk) -> bool:
+def _simulated(session: Session) -> bool:
     try:
-        return SimulatedBench.of(desk.used(ROLES[0])) is not None
+        return SimulatedBench.of(session.used(ROLES[0])) is not None
     except InputError:
         return False
 

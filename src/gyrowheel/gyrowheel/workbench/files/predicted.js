@@ -122,8 +122,8 @@ export function showPredicted(anew = false) {
   at("predicted-said").replaceChildren(
     ...holds.actuators.map((actuator) => element("li", `${actuator.title}: ${actuator.said.replace("SE", "standard errors")}`)),
     element("li", holds.calibrated
-      ? "The constants of coils and motor were learned from recordings."
-      : "The constants of coils and motor are those stated for the bench; their uncertainty is in the bars."),
+      ? "The constants of coils and motor were calibrated from recordings."
+      : "The constants of coils and motor are those stated for the bench; the error bars include their uncertainty."),
   );
 }
 

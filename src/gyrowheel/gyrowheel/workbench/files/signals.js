@@ -189,7 +189,7 @@ async function fetchSpan(from, until) {
   const count = lines.t.length;
   at("span").textContent =
     `${own.name}, ${from.toFixed(3)} to ${until.toFixed(3)} s: ` +
-    (count < POINTS ? `${count} samples, every one.` : "smallest and largest value of every stretch, so that no spike is lost.");
+    (count < POINTS ? `${count} samples, every one.` : "minimum and maximum of each interval, so that no spike is lost.");
   at("plots").dataset.drawn = `${from},${until},${count}`;
   at("plots").dataset.milliseconds = (performance.now() - began).toFixed(1);
 }
@@ -223,7 +223,7 @@ export function showFound() {
     }),
   );
   at("drawn").textContent =
-    "Dashed: what the plan asks for." + (holds ? " Thick: what the model predicts for each hold." : "");
+    "Dashed: setpoints of the plan." + (holds ? " Thick: what the model predicts for each hold." : "");
 }
 
 function showChosen() {
@@ -244,7 +244,7 @@ export async function putCursor(time) {
   cursor = time;
   for (const line of cursors) line.setv(time === null ? { visible: false } : { location: time, visible: true });
   if (time === null) {
-    at("readout").textContent = "Point at a signal, or press , and . to go from sample to sample.";
+    at("readout").textContent = "Point at a signal, or press , and . to step through the samples.";
     return;
   }
   asked = time;

@@ -23,7 +23,7 @@ for (const name of ["dragover", "drop", "dragleave"]) {
       return refuse(`${file.name} is a folder. A recording is opened from the list on the left: start the workbench with the folder that it is in.`);
     }
     upload(file);
-    if (others.length) tell("table", "One table at a time: the first is taken.");
+    if (others.length) tell("table", "One table at a time: the first one is used.");
   });
 }
 

@@ -188,14 +188,14 @@ async function choosing(indices) {
   const percent = (share) => `${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %`;
   place.append(
     element("p", `${indices.length} of ${w.start.length} windows chosen; they have ${percent(said.share)} of the whole χ². What the residual looks like in them:`),
-    table([["share of χ²", "where", "what the residual looks like"], ...said.said.map((own) => [percent(own.share), own.where, own.looks])]),
+    table([["share of χ²", "where", "shape of the residual"], ...said.said.map((own) => [percent(own.share), own.where, own.looks])]),
   );
   place.lastChild.classList.add("said");
   const kinds = Object.values(w.chi2);
   const several = Object.keys(spans).length > 1;
   const name = (k) => now.state.signals.find((each) => each.key === w.recording[k])?.name ?? "";
   place.append(
-    element("p", indices.length > 12 ? "The worst twelve of them:" : "Window by window:"),
+    element("p", indices.length > 12 ? "The twelve worst windows:" : "Window by window:"),
     table([
       [...(several ? ["recording"] : []), "time, s", "tilt x, °", "tilt y, °", "rpm", ...(w.of_coils ? [`residual x, ${w.unit}`, `residual y, ${w.unit}`] : []), ...kinds.map((c) => `χ²/N ${c.title}`)],
       ...sorted.slice(0, 12).map((k) => [

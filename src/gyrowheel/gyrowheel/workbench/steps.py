@@ -1,34 +1,55 @@
-"""The report on what is on the desk: a page to keep, with the commands that find the same again."""
+"""A model with its results, and the report on them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from gyrowheel.comparison.api import Comparison
+from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.diagnosis.next_command import diagnosing, following
+from gyrowheel.models.api import Model
+from gyrowheel.recordings.api import Recording
 from gyrowheel.recordings.provenance import noted_machine
 from gyrowheel.report.api import Report
-
-if TYPE_CHECKING:
-    from gyrowheel.comparison.api import Comparison
-    from gyrowheel.diagnosis.api import Diagnosis
-    from gyrowheel.models.api import Model
-    from gyrowheel.recordings.api import Recording
+from gyrowheel_analysis.drag.estimate import Estimate
 
 #: Name of the file of a model that was not read from one.
 MODEL = "wheel.yaml"
 
 
+@dataclass(frozen=True)
+class Step:
+    """A model, and the results found with it.
+
+    Attributes
+    ----------
+    model : Model
+        The model.
+    comparison : Comparison or None
+        Comparison with the fitted recordings.
+    holds : dict of str to tuple of Estimate
+        Measured and predicted values of every hold of the opened recordings, by the key of the recording.
+    diagnosis : Diagnosis or None
+        Its diagnosis.
+    """
+
+    model: Model
+    comparison: Comparison | None = None
+    holds: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
+    diagnosis: Diagnosis | None = None
+
+
 def before(model: Model, kept: Model, file: Path | None) -> list[str]:
-    """Return what must be done before the commands of a report find the model that it is about.
+    """Return the commands that come before those of a report, so that they find its model.
 
     Parameters
     ----------
     model : Model
         The model that the report is about.
     kept : Model
-        The model as it stands in its file.
+        The model in its file.
     file : Path or None
         That file; None if the model was not read from one.
     """

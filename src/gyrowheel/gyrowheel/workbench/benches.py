@@ -1,17 +1,21 @@
-"""Benches that run on this computer: what the plan asks of them, and their holds as they come.
-
-Nothing is sent to them, unless a test is asked for.
-"""
+"""Benches that run a test: the simulated machine of the recordings, or a running graph of this computer."""
 
 from __future__ import annotations
 
+import argparse
 import math
+import shlex
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+from gyrowheel.models.api import Model
+from gyrowheel.recordings.api import Recording
+from gyrowheel.recordings.provenance import machine_options, note_machine, noted_machine
+from gyrowheel.simulation.api import simulate
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import HOLD, Plan
 from gyrowheel_core import topics, wire
@@ -20,29 +24,129 @@ from gyrowheel_core.units import DEG, RPM
 
 #: Key of a running bench among the recordings: this, and its namespace.
 KEY = "live"
-_PACE = 0.3  # s between two looks at what has arrived
-_LOOK = 1.0  # s between two looks for further benches
-_SILENT = 5.0  # s without a message after which the bench is not running any more
+_PACE = 0.3  # s between two readings of the messages
+_LOOK = 1.0  # s between two searches for benches
+_SILENT = 5.0  # s without a message after which a bench counts as stopped
 _MOST_HOLDS = 5000
-_NEVER = -1  # stamp of what was not heard
+_NEVER = -1  # stamp before the first message
+
+
+class _Words(argparse.ArgumentParser):
+    """Parser of the options of a machine."""
+
+    def error(self, message: str) -> Any:
+        raise InputError(f"machine: {message}")
+
+
+def _reader() -> _Words:
+    reader = _Words(add_help=False, allow_abbrev=False)
+    reader.add_argument("--effect", action="append")
+    for name, kind in (("truth", Path), ("blind", Path), ("machine", int), ("bench", str)):
+        reader.add_argument(f"--{name}", type=kind)
+    reader.add_argument("--seed", type=int, default=0)
+    return reader
+
+
+@dataclass(frozen=True)
+class SimulatedBench:
+    """A simulated machine, by its options on the command line.
+
+    Attributes
+    ----------
+    effect : tuple of str
+        Its effects.
+    truth, blind : Path or None
+        Model file of the truth, or key file.
+    machine : int or None
+        Seed of its parameters.
+    bench : str or None
+        Name or file of the bench.
+    seed : int
+        Seed of the noise.
+    """
+
+    effect: tuple[str, ...] = ()
+    truth: Path | None = None
+    blind: Path | None = None
+    machine: int | None = None
+    bench: str | None = None
+    seed: int = 0
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording]) -> SimulatedBench | None:
+        """Return the machine noted in recordings; None without a note, as of a real machine.
+
+        Raises
+        ------
+        InputError
+            If the note cannot be read.
+        """
+        note = noted_machine(recordings)
+        if not note:
+            return None
+        read = vars(_reader().parse_args(shlex.split(note)))
+        return cls(**read | {"effect": tuple(read["effect"] or ())})
+
+    def record(
+        self, plan: str, folder: Path, model: Model, number: int, progress: Callable[[float], None]
+    ) -> Recording:
+        """Run a plan on the machine.
+
+        Parameters
+        ----------
+        plan : str
+            The plan.
+        folder : Path
+            New folder for the recording; it appears when complete.
+        model : Model
+            The model under test.
+        number : int
+            Number of the run: each has its own noise.
+        progress : callable
+            Called with the fraction done.
+        """
+        made = simulate(
+            plan,
+            effects=self.effect,
+            truth=None if self.truth is None else Model.load(self.truth),
+            model=model,
+            bench=self.bench,
+            machine=self.machine,
+            seed=self.seed + number,
+            blind=self.blind,
+            folder=folder,
+            progress=progress,
+        )
+        note_machine(
+            made,
+            machine_options(
+                effect=self.effect,
+                truth=self.truth,
+                blind=self.blind,
+                machine=self.machine,
+                seed=self.seed,
+                bench=self.bench,
+            ),
+        )
+        return made
 
 
 @dataclass(frozen=True)
 class Running:
-    """A run of the bench as far as it was heard.
+    """A run of the bench, as far as it was received.
 
     Attributes
     ----------
     start_ns : int
-        Its first stamp that was heard [ns]; negative before that.
+        First stamp received [ns]; negative before.
     stamp_ns : int
-        Its last one [ns].
+        Latest stamp [ns].
     asked : tuple of float
-        Segment, phase, tilt about x and y [rad] and spin rate [rad/s] that the plan asks for; empty if not heard.
+        Setpoint of the plan: segment, phase, tilt about x and y [rad], spin rate [rad/s]; empty if not received.
     holds : tuple of Estimate
-        Its settled holds, as the drag estimator of the graph has them.
+        Its settled holds, from the drag estimator of the graph.
     silent : bool
-        Whether nothing comes any more.
+        Whether messages have stopped.
     namespace : str
         Its namespace; empty for the root.
     """
@@ -56,11 +160,11 @@ class Running:
 
     @property
     def title(self) -> str:
-        """What it is called on the page."""
+        """Its name on the page."""
         return f"running bench {self.namespace}".rstrip()
 
     def words(self) -> str:
-        """Return where it is, in a line."""
+        """Return its state in a line."""
         if self.stamp_ns < 0:
             return "it is gone" if self.silent else "it runs; no plan is heard yet"
         text = f"{(self.stamp_ns - self.start_ns) / wire.SECOND:.0f} s heard, {len(self.holds)} holds"
@@ -76,14 +180,14 @@ class Running:
 
 
 class LiveBenches:
-    """Listens to the graphs of the benches in a thread of its own, for as long as a block lasts.
+    """Listens to the running benches in a thread, during a block. Nothing is sent to them unless a test is requested.
 
-    Without ROS in this environment it hears nothing, and says so in `missing`.
+    Without ROS it receives nothing; `missing` gives the reason.
 
     Parameters
     ----------
     changed : callable
-        Called when something has been heard.
+        Called after every message.
     domain : int, optional
         ROS domain; by default that of the environment.
     """
@@ -98,7 +202,7 @@ class LiveBenches:
 
     @property
     def runs(self) -> Mapping[str, Running]:
-        """The runs of the benches that were heard, by their keys, in the order of the namespaces."""
+        """The running benches by their keys, in the order of the namespaces."""
         return {f"{KEY}{name}": own for name, own in sorted(self._runs.copy().items())}
 
     def __enter__(self) -> LiveBenches:
@@ -119,7 +223,7 @@ class LiveBenches:
         progress: Callable[[float], None],
         ended: Callable[[], bool],
     ) -> bool:
-        """Have a running bench walk a plan and record it in a new folder; return whether it went to its end.
+        """Have a running bench run a plan and record it in a new folder; return whether the plan was finished.
 
         Parameters
         ----------
@@ -132,7 +236,7 @@ class LiveBenches:
         progress : callable
             Called with the fraction done.
         ended : callable
-            Asked all along whether the bench is to stop the plan.
+            Polled: whether the bench is to stop the plan.
 
         Raises
         ------
@@ -186,7 +290,7 @@ class LiveBenches:
     def _take_setpoint(self, namespace: str, data: bytes) -> None:
         try:
             stamp, segment, phase, *values = wire.SETPOINT.unpack(data)
-        except ValueError:  # of a node that is not of this bench
+        except ValueError:  # a message of another program
             return
         x, y, _, _, spin, _ = values
         self._runs[namespace] = replace(self._at(namespace, stamp), asked=(segment, phase, x, y, spin))
@@ -198,7 +302,7 @@ class LiveBenches:
             return
         if estimate.settled:
             own = self._at(namespace, estimate.stamp_ns, late=True)
-            if own.holds and own.holds[-1].stamp_ns == estimate.stamp_ns:  # said twice
+            if own.holds and own.holds[-1].stamp_ns == estimate.stamp_ns:  # a repetition
                 return
             self._runs[namespace] = replace(own, holds=(*own.holds, estimate)[-_MOST_HOLDS:])
 
