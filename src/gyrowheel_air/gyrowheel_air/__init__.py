@@ -1,4 +1,4 @@
-"""The torque of the air on the tilted, spinning rotor: one interface, four models.
+"""Torque of the air on the tilted, spinning rotor: one interface, four models.
 
 ========== ===================================================== =====================================
 model      what it is                                            says nothing of

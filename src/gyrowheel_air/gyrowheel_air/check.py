@@ -48,7 +48,7 @@ class _File(Section):
 
 @dataclass(frozen=True)
 class Finding:
-    """One number that was found.
+    """A known number with its uncertainty.
 
     Attributes
     ----------
@@ -96,17 +96,17 @@ class Check:
     Attributes
     ----------
     what : str
-        What must hold, in words, with its bar.
+        The criterion, in words, with its limits.
     found : str
-        What the table has.
+        Value in the table.
     holds : bool or None
-        Whether it does; None where the table has no row for it.
+        Whether the criterion is met; None without a row for it.
     bar : str
-        Where the bar comes from.
+        Source of the limits.
     paper : str
-        What the published paper states; empty where it states nothing.
+        Statement of the published paper; empty without one.
     cause : str
-        Why the flow does it, where that is known.
+        Known cause in the flow.
     """
 
     what: str
@@ -212,7 +212,7 @@ def _sizes(table: TorqueTable) -> Iterator[Check]:
 
 
 def _steps(table: TorqueTable) -> Iterator[Check]:
-    """Hold every row to its neighbours: from one speed to the next, where the flow keeps its state."""
+    """Check every row against its neighbours in speed, where the flow keeps its state."""
     step = np.diff(np.log(table.speeds))
     kept = ~_in_two_states(table)[1:]
     for i, kind in ((0, "restoring"), (2, "drag")):
@@ -309,7 +309,7 @@ def _drag(table: TorqueTable, geometry: Geometry) -> Iterator[Check]:
 
 
 def _rows_agree(table: TorqueTable) -> Iterator[Check]:
-    """Hold the torque of every row to what else the row knows of it: its pressure, and the stress on the wall."""
+    """Check the torque of every row against its pressure share and its wall stress."""
     mean, pressure = _grid(table, "mean"), _grid(table, "pressure")
     for i, kind in ((0, "restoring"), (1, "cross")):
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -370,7 +370,7 @@ def _quality(table: TorqueTable) -> Iterator[Check]:
 
 
 def _band(name: str, values: Array, known: Finding, *, told: bool = True) -> Check:
-    """Return the line that holds every row to a finding."""
+    """Return the check of every row against a finding."""
     low, high = known.bar(_MANY)
     return Check(
         f"{name}: {_span(low, high, 3)}",
@@ -391,7 +391,7 @@ def _grid(table: TorqueTable, quantity: str) -> Array:
 
 
 def _sizes_of(table: TorqueTable) -> Array:
-    """Return the torques of the tilted rows with the signs that they must have positive."""
+    """Return the torques of the tilted rows, multiplied by their expected signs."""
     return np.asarray(_grid(table, "mean")[1:] * [-1.0, 1.0, -1.0])
 
 

@@ -20,7 +20,7 @@ from gyrowheel_core.units import DEG, RPM
 
 @dataclass(frozen=True)
 class Comparison:
-    """What every model says of one tilt and speed.
+    """Results of all models at one tilt and speed.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Comparison:
     torques : dict of str to AirTorque
         By model, for those that hold there.
     refused : dict of str to str
-        Why the others do not.
+        Reasons of the others, by model.
     options : list of str
         The surrogate as effects, each as ``NAME:COEF=VALUE,...``.
     coefficients : dict
@@ -53,7 +53,7 @@ class Comparison:
     coefficients: Mapping[str, Mapping[str, Mapping[str, tuple[float, float]]]]
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as plain values [SI]; what a model does not say is NaN."""
+        """Return it as plain values [SI]; NaN where a model gives no value."""
         return {
             "schema": 1,
             "tilt": list(self.tilt),
@@ -107,7 +107,7 @@ def _check_state(geometry: Geometry, air: AirState, tilt: float, spin_rate: floa
 def compare(
     geometry: Geometry, air: AirState, tilt: ArrayLike, spin_rate: float, table: TorqueTable
 ) -> Comparison:
-    """Ask all models for one tilt [rad] and spin rate [rad/s].
+    """Evaluate all models at one tilt [rad] and spin rate [rad/s].
 
     Raises
     ------

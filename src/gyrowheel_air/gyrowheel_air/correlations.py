@@ -31,7 +31,7 @@ from gyrowheel_core.errors import InputError
 
 CYLINDERS: Final = ("bilgen_boulos", "wendt", "vrancik")
 REGIMES: Final = ("I", "II", "III", "IV")
-#: What each regime of a disc is: gap thick or thin against the wall layers, laminar or turbulent.
+#: Meaning of the regimes of a disc: wall layers merged or separate, laminar or turbulent.
 REGIME_SENSE: Final[dict[str, str]] = {
     "I": "laminar, wall layers merged",
     "II": "laminar, wall layers separate",
@@ -45,7 +45,7 @@ CYLINDER_SCATTER: Final = 0.06
 
 @dataclass(frozen=True)
 class Drag:
-    """Drag of the spinning rotor without tilt, taken apart.
+    """Drag of the spinning rotor without tilt, by its parts.
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Correlation:
-    """Drag on the spin by published correlations; they say nothing of the transverse torques.
+    """Drag on the spin by published correlations, which give no transverse torques.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
-"""The computed flow as pictures need it: the section across the axis of the tilt, and the top and surface of the rotor.
+"""Extract of the computed flow for pictures: section across the axis of the tilt, top and surface of the rotor.
 
-A solution takes a hundred megabytes; what is kept of it here takes some hundred kilobytes and ships with the project.
+A solution takes a hundred megabytes; its extract some hundred kilobytes, which ship with the project.
 """
 
 from __future__ import annotations

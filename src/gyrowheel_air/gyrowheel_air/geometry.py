@@ -80,7 +80,7 @@ class Geometry:
     lengths : dict of str to Length
         The four lengths by name.
     references : dict of str to str
-        Full citations by the key that a source starts with.
+        Full citations by the key with which a source starts.
     """
 
     name: str
@@ -116,7 +116,7 @@ class Geometry:
         return cls(content.name, content.title, lengths, content.references).checked(origin)
 
     def checked(self, origin: str = "geometry") -> Geometry:
-        """Return itself if the rotor fits into the case.
+        """Return the geometry itself if the rotor fits into the case.
 
         Raises
         ------

@@ -179,9 +179,9 @@ def fit_model(
     tilts: Sequence[float] = tuple(DEG * np.array([1.0, 2.0, 3.0, 4.0, 5.0])),
     speeds: Sequence[float] = tuple(RPM * np.array([1000.0, 2000.0, 3000.0, 3500.0, 4000.0])),
 ) -> Surrogate:
-    """Fit the power laws to what any model says over tilts [rad] and spin rates [rad/s], in one air.
+    """Fit the power laws to any model over tilts [rad] and spin rates [rad/s], in one air.
 
-    A table is asked where it has its own rows. The uncertainty of a size is that of the fit and the relative
+    A table is evaluated at its own rows. The uncertainty of a size is that of the fit and the relative
     uncertainty that the model states.
 
     Raises
@@ -212,7 +212,7 @@ def coefficients(
     reference_speed: float = REFERENCE_SPEED,
     reference_density: float = REFERENCE_DENSITY,
 ) -> dict[str, dict[str, tuple[float, float]]]:
-    """Return the coefficients of the air's effects that come nearest to a model, with uncertainties.
+    """Return the coefficients of the air's effects that fit a model best, with uncertainties.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def coefficients(
     -------
     dict
         By effect (``aero_restoring``, ``aero_cross``, ``windage``) and coefficient (k, c, w and n): value and standard
-        uncertainty [SI]. Effects of which the model says nothing are left out.
+        uncertainty [SI]. Effects that the model does not describe are left out.
     """
     return fit_model(model, geometry, air).coefficients(reference_speed, reference_density)
 
@@ -337,12 +337,12 @@ def air_effects(
     air: AirState | None = None,
     table: TorqueTable | None = None,
 ) -> AirEffects:
-    """Return the air's effects as a model has them: what a simulated machine, or a model to be fitted, starts from.
+    """Return the effects of the air by a model, for a simulated machine or as the start of a fit.
 
     Parameters
     ----------
     model : str
-        Of `gyrowheel_air.MODELS`. What it says nothing of is left out.
+        One of `gyrowheel_air.MODELS`. Effects that it does not describe are left out.
     bench : Bench, optional
         Bench at whose reference speed and density the sizes are wanted; the shipped one by default.
     geometry : Geometry, optional

@@ -1,4 +1,4 @@
-"""The table of computed torques: rows with all their provenance, and the model that interpolates them."""
+"""The table of computed torques: rows with provenance, and the model that interpolates them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ WALL_FUNCTION_Y = 11.0
 PROPORTION_LIMIT = 0.02
 #: Standard uncertainty of the local exponent in Reynolds number beyond the table's range.
 _EXPONENT_UNCERTAINTY = 0.1
-#: How far beyond the table's Reynolds numbers its torques are scaled at all (factor).
+#: Largest extrapolation beyond the table's Reynolds numbers (factor).
 _REACH = 10.0
 
 
@@ -121,7 +121,7 @@ class TorqueTable:
         return table
 
     def write(self, path: Path) -> None:
-        """Write the table as a file that is whole or as it was: JSON, SI units, one row a line."""
+        """Write the table atomically: JSON, SI units, one row a line."""
         rows = ",\n".join(json.dumps(row.to_json(), ensure_ascii=False) for row in self.rows)
         write_text(path, f'{{"schema": {SCHEMA}, "rows": [\n{rows}\n]}}\n')
 
@@ -180,7 +180,7 @@ class TorqueTable:
         model: str | None = None,
         direction: float = 0.0,
     ) -> Result | None:
-        """Return any row by what it is; mesh and model are by default those of the grid."""
+        """Return a row by its condition and method; mesh and model default to those of the grid."""
         wanted = (mesh or self.method[0], model or self.method[1])
         for row in self.rows:
             case = row.case
@@ -251,7 +251,7 @@ class Table:
     table: TorqueTable
 
     def __post_init__(self) -> None:
-        """Refuse a table that leaves nothing to interpolate."""
+        """Refuse a table that is too small to interpolate."""
         tilts, speeds = len(self.table.tilts), len(self.table.speeds)
         if min(tilts, speeds) < 2:
             raise InputError(

@@ -22,7 +22,7 @@ class AirTorque:
 
     Three components on the axes of `tilt_axes`: about the axis of the tilt (negative: back towards the case axis), a
     quarter turn ahead of it round the rotor's axis, and about the rotor's axis (negative: brakes the spin). A component
-    about which a model says nothing is NaN.
+    that a model does not give is NaN.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class AirTorque:
 
 @runtime_checkable
 class AirModel(Protocol):
-    """A model of the air: what all four have in common."""
+    """Interface of the models of the air."""
 
     @property
     def name(self) -> str:

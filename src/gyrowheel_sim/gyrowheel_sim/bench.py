@@ -103,7 +103,7 @@ class Bench:
     def from_text(cls, text: str, *, origin: str) -> Bench:
         """Read a bench from the text of a bench file (see `load`)."""
         bench = cls._read(text, origin)
-        # of its own: who changes the mappings of one changes no other
+        # copies: a change of the mappings of one bench must not change another
         return replace(bench, parameters=dict(bench.parameters), references=dict(bench.references))
 
     @classmethod
@@ -113,7 +113,7 @@ class Bench:
         try:
             content = check(BenchFile, raw, origin, kind="bench file", every=True)
         except InputError as error:
-            # names that are no parameters belong to what is told at once
+            # the message lists unknown parameters with all other problems
             given = raw.get("parameters") if isinstance(raw, Mapping) else None
             names = unknown(given) if isinstance(given, Mapping) else []
             raise InputError(joined([str(error), *(f"parameters.{said}" for said in names)])) from None
@@ -188,7 +188,7 @@ class Bench:
         return groups
 
     def describe(self) -> str:
-        """Return the bench as JSON text: what a recording carries as its provenance."""
+        """Return the bench as JSON text, the provenance in a recording."""
         return json.dumps(
             {
                 "schema": SCHEMA,

@@ -1,6 +1,6 @@
-"""A hidden machine for blind tests: its parameters within the stated uncertainties, and effects drawn at random.
+"""Hidden machines of blind tests: parameters within the stated uncertainties, and effects drawn at random.
 
-Only the key file holds what was drawn; a recording of the machine contains none of it.
+Only the key file contains the draw; a recording of the machine does not.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ KINDS: dict[Kind, float] = {"none": 0.2, "single": 0.5, "pair": 0.2, "outside": 
 def draw_machine(bench: Bench, rng: np.random.Generator) -> dict[str, float]:
     """Draw the true bench parameters within their standard uncertainties; a group varies by one factor.
 
-    The instruments come from a stream of their own: a seed draws the same machine, whatever a bench states of them.
+    Instruments use a separate random stream: a seed draws the same machine whatever a bench states about them.
     """
     (apart,) = rng.spawn(1)
     values: dict[str, float] = {}
@@ -97,7 +97,7 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
             return replace(read_key(bench, key), noise_seed=seed)
         except InputError as error:
             raise InputError(f"{error}; or name a new file, to have a key drawn") from None
-    # the name tells nothing of the machine, not even its seed
+    # the name must reveal nothing about the machine, not even its seed
     scenario = replace(draw(bench, seed, kinds=kinds), machine=secrets.token_hex(2))
     content = {
         "values": dict(scenario.values),

@@ -1,4 +1,4 @@
-"""Places in an array by name: the compiled code takes flat arrays, and nobody should count their columns."""
+"""Named indices into flat arrays, as compiled code takes them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from enum import IntEnum
 
 
 class Column(IntEnum):
-    """A place in an array, with its unit, its meaning and, for a state, its value at the start.
+    """An index into an array, with unit, meaning and, for a state, initial value.
 
-    Subclasses list their members as ``name = (place, unit, description)`` or with a fourth item, the initial value: a
+    Subclasses list their members as ``name = (index, unit, description)`` or with a fourth item, the initial value: a
     number in SI units, or the name of a bench parameter.
     """
 
@@ -17,7 +17,7 @@ class Column(IntEnum):
     initial: float | str
 
     def __new__(cls, place: int, unit: str, description: str, initial: float | str = 0.0) -> Column:
-        """Make the member of a place."""
+        """Make the member of an index."""
         member = int.__new__(cls, place)
         member._value_ = place
         member.unit, member.description, member.initial = unit, description, initial
@@ -25,19 +25,19 @@ class Column(IntEnum):
 
 
 def names(columns: type[Column]) -> tuple[str, ...]:
-    """Return the names of the places, in order.
+    """Return the names of the indices, in order.
 
     Raises
     ------
     ValueError
-        If the places are not 0, 1, 2 ... in the order in which they are listed.
+        If the indices are not 0, 1, 2 ... in the order of their declaration.
     """
     if [int(column) for column in columns] != list(range(len(columns))):
-        raise ValueError(f"{columns.__name__}: the places are not 0 .. {len(columns) - 1} in order")
+        raise ValueError(f"{columns.__name__}: the indices are not 0 .. {len(columns) - 1} in order")
     return tuple(column.name for column in columns)
 
 
 def source(columns: type[Column]) -> str:
-    """Return the same places as source for compiled code, which takes names and numbers alone."""
+    """Return the indices as source for compiled code, which takes only names and numbers."""
     lines = [f"    {name} = {place}" for place, name in enumerate(names(columns))]
     return "\n".join([f"class {columns.__name__}(IntEnum):", *lines]) + "\n"

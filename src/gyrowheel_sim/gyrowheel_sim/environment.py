@@ -1,4 +1,4 @@
-"""What the operator sets between segments of a test: attitude of the rig, air density, coil heater, rate table."""
+"""The operator's settings between segments of a test: attitude of the rig, air density, coil heater, rate table."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Rig = Literal["upright", "inverted", "x_up", "y_up"]
 #: Characters in the name of a machine.
 LONGEST_NAME: Final = 64
 RIGS: Final[tuple[Rig, ...]] = get_args(Rig)
-#: In the place of an attitude: neither weight nor the rate of the Earth. No rig has it, hence no plan file either.
+#: An attitude without weight and without the Earth's rate. No rig has it, so no plan file can state it.
 ORBIT: Final = "orbit"
 #: Types of fields in files: yaw [deg], air density over the ambient one, preheat [K], rate of the table [deg/s].
 Yaw = Annotated[Number, Field(ge=-360.0, le=360.0)]
@@ -40,7 +40,7 @@ _TURNS = {
 
 @dataclass(frozen=True)
 class Environment:
-    """The state of the bench from `time` on, as the operator has set it.
+    """The operator's settings of the bench from `time` on.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class Environment:
 
 
 def merged(known: Sequence[Environment], later: Sequence[Environment]) -> list[Environment]:
-    """Return what holds after a later message: it replaces all that was planned from its first event on."""
+    """Return the events after a later message, which replaces all known ones from its first event on."""
     if not later:
         return list(known)
     return [event for event in known if event.time < later[0].time] + list(later)

@@ -31,7 +31,7 @@ from numba.core.serialize import dumps
 from gyrowheel_core import cache
 from gyrowheel_core.cache import digest
 
-#: Name in a module under which its whole source stands, for a module that has no file.
+#: Attribute of a module without a file that contains its source.
 SOURCE = "__kernel_source__"
 
 
@@ -72,13 +72,13 @@ class _Kept(caching.FunctionCache):
 
 
 class _Reduction(caching.CompileResultCacheImpl):
-    """How machine code becomes an entry, without a folder of numba's own."""
+    """Serialisation of machine code to an entry, without a folder of numba's."""
 
     def __init__(self) -> None:
         self._locator = self
 
     def ensure_cache_path(self) -> None:
-        """Do nothing: the folder is made where it is first asked for."""
+        """Do nothing: the folder is made at its first use."""
 
     def check_cachable(self, result: Any) -> bool:
         """Whether the code can be used in another process."""
@@ -86,7 +86,7 @@ class _Reduction(caching.CompileResultCacheImpl):
 
 
 class _Entries:
-    """The entries of one function, each under a name that tells all it was made from."""
+    """The cache entries of one function, each under a name that covers all its inputs."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._of = (
@@ -112,12 +112,12 @@ class _Entries:
         cache.write(self._name(key), dumps(data))
 
     def flush(self) -> None:
-        """Do nothing: entries of an older source are never asked for again."""
+        """Do nothing: entries of an older source are never requested again."""
 
 
 @functools.cache
 def _source(module: str) -> str:
-    """Return a digest of the source of a module: another one where a line of it differs."""
+    """Return a digest of the source of a module."""
     found = sys.modules[module]
     text = getattr(found, SOURCE, None) or Path(str(found.__file__)).read_text(encoding="utf-8")
     return hashlib.sha256(text.encode()).hexdigest()
@@ -139,7 +139,7 @@ from numba.extending import register_jitable
 
 
 def kernel_text(package: str, name: str) -> str:
-    """Return what a kernel file of a package has to be compiled."""
+    """Return the part of a kernel file of a package that is compiled."""
     text = resources.files(package).joinpath(name).read_text(encoding="utf-8")
     body = text.split(_MARK, 1)[1].split(_END, 1)[0]
     return f"# from {package}/{name}\n" + re.sub(r"^\n+", "", body)

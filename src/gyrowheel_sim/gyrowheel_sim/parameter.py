@@ -208,7 +208,7 @@ class Parameter:
 
 
 class Uncertainty(NamedTuple):
-    """A standard uncertainty as a file states it: in the unit of the value, or in per cent of it."""
+    """A standard uncertainty as stated by a file: in the unit of the value, or in per cent of it."""
 
     size: float
     relative: bool
@@ -286,7 +286,7 @@ def default_text() -> str:
 
 @functools.lru_cache(maxsize=4)
 def bench_content(text: str, origin: str) -> Any:
-    """Return the content of a bench file, kept: the default one is read as a bench, and for what parameters are."""
+    """Return the content of a bench file, cached: the default one also describes the parameters."""
     return read_yaml(text, origin)
 
 
@@ -301,12 +301,12 @@ def _known() -> dict[str, tuple[str, str, str]]:
 
 
 def description_of(name: str) -> str:
-    """Return what a parameter is where a bench file does not say it."""
+    """Return the default description of a parameter."""
     return _known()[name][2]
 
 
 def unknown(names: Iterable[Any]) -> list[str]:
-    """Return what is to be said of names that are no parameters, each with the nearest that is one."""
+    """Return one message for each name that is no parameter, with the nearest valid name."""
     known = _known()
     return [f"{name}: no such parameter; {nearest(str(name), known)}" for name in names if name not in known]
 
@@ -324,8 +324,8 @@ def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[s
     Raises
     ------
     InputError
-        If parameters that are no instrument's are missing, some are unknown, their units are of another kind, their
-        values out of range or their groups not those that the analysis knows; all of it is told at once.
+        If parameters other than those of instruments are missing, or some are unknown, have units of another kind,
+        values out of range or groups that the analysis does not know; one message lists all problems.
     """
     known = _known()
     wrong = unknown(entries)
@@ -345,7 +345,7 @@ def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[s
 
 
 def _perfect(name: str) -> Parameter:
-    """Return a parameter of a perfect instrument, for a bench file that says nothing of it."""
+    """Return a parameter of a perfect instrument, for a bench file that does not state it."""
     unit, group, description = _known()[name]
     return Parameter(
         name, INSTRUMENTS[name], unit, 0.0, "not stated: a perfect instrument", description, group
@@ -377,7 +377,7 @@ def _parameter(name: str, entry: ParameterEntry) -> Parameter:
 
 
 def physical_range(name: str) -> tuple[float, float]:
-    """Return the values that physics allows a parameter (low, high), infinite where it sets no limit."""
+    """Return the physically possible values of a parameter (low, high), infinite where there is no limit."""
     return (0.0 if name in _POSITIVE | _NOT_NEGATIVE else -math.inf, math.inf)
 
 

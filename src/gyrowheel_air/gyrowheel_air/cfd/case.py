@@ -1,4 +1,4 @@
-"""One case: from what is asked (tilt, speed, mesh, model) to the torque with its scatter and where it comes from.
+"""One case of a flow computation: from tilt, speed, mesh and model to the torque with scatter and provenance.
 
 The rotor is a body of revolution, so the flow about it is steady in the frame of the case: its wall moves along itself
 with the velocity of a rotation about the tilted axis, and no frame of reference has to turn.
@@ -30,7 +30,7 @@ from gyrowheel_core.files import write_text
 from gyrowheel_core.units import DEG, RPM
 
 Array = NDArray[np.float64]
-#: Told the part that is done, 0 .. 1.
+#: Receives the fraction done, 0 .. 1.
 Advance = Callable[[float], None]
 SCHEMA = 1
 #: Core of the first guess: the air turns as a solid body with this part of the spin rate.
@@ -42,7 +42,7 @@ _STRETCH = 200  # iterations that a case goes on for at a time; a kill costs no 
 
 @dataclass(frozen=True)
 class Case:
-    """What is to be computed.
+    """The conditions and the method of a computation.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Case:
 
     @property
     def mesh_key(self) -> str:
-        """What the mesh depends on, in short."""
+        """Short name of all inputs of the mesh."""
         text = json.dumps([self.mesh, asdict(MESHES[self.mesh]), self.tilt, self.direction, self.lengths])
         short = hashlib.sha256(text.encode()).hexdigest()[:8]
         return f"{self.mesh}_tilt{self.tilt / DEG:+.4g}_{short}"
@@ -164,19 +164,19 @@ class Case:
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> Case:
-        """Return what `to_json` described."""
+        """Return the object that `to_json` described."""
         fields = {k: v for k, v in content.items() if k != "schema"}
         return cls(**(fields | {"lengths": tuple(fields["lengths"])}))
 
 
 @dataclass(frozen=True)
 class Result:
-    """What came out of a case.
+    """The result of a case.
 
     Attributes
     ----------
     case : Case
-        What was asked.
+        The case.
     torque : Torque
         Torque of the air on the rotor, on `Case.axes`.
     y_plus : dict of str to tuple of float
@@ -211,7 +211,7 @@ class Result:
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> Result:
-        """Return what `to_json` described."""
+        """Return the object that `to_json` described."""
         t = content["torque"]
         arrays = {name: np.array(t[name]) for name in ("mean", "scatter", "drift", "pressure")}
         return cls(
@@ -284,7 +284,7 @@ def make_mesh(case: Case, folder: Path) -> dict[str, Any]:
 
 
 def mesh_quality(text: str) -> dict[str, Any]:
-    """Return what a log of checkMesh says of the mesh."""
+    """Return the quality of a mesh from a log of checkMesh."""
     result: dict[str, Any] = {"ok": "Mesh OK." in text}
     for name, pattern, kind in (
         ("cells", r"^\s*cells:\s+(\d+)", int),
@@ -302,19 +302,19 @@ def run_case(
 ) -> Result:
     """Run a case below a folder, or return its result if it is there.
 
-    A case goes on from where it was if it has too few iterations or has not settled, in this call or a later one. If
-    only its window is another one, it is averaged anew.
+    A case with too few iterations, or one that has not settled, is continued, in this call or a later one. If only its
+    window differs, it is averaged again.
 
     Parameters
     ----------
     case : Case
-        What to run.
+        The case to run.
     root : Path
-        Folder of the study; the case gets a folder of its own below it, and shares meshes with its sisters.
+        Folder of the study, with one folder for each case and one for the shared meshes.
     first : Path, optional
         Folder of a finished case on the same topology whose solution, scaled to this speed, is the first guess.
     advance : callable
-        Told the part of the iterations that is done.
+        Receives the fraction of the iterations done.
 
     Raises
     ------
@@ -337,11 +337,11 @@ def run_case(
 
 
 def _begin(case: Case, folder: Path, root: Path, first: Path | None, advance: Advance) -> Result:
-    """Run the iterations that a case has in any event."""
+    """Run the first iterations of a case."""
     if folder.exists():
         if any(folder.iterdir()) and not (folder / REQUEST).is_file():
             raise InputError(f"{folder}: exists and is no case; name another folder for the study")
-        shutil.rmtree(folder)  # what a killed run has left, or another one of this name
+        shutil.rmtree(folder)  # remains of a killed run, or another case of this name
     folder.mkdir(parents=True)
     write_json(folder / REQUEST, case.to_json())
     quality = shared_mesh(case, root)
@@ -366,11 +366,11 @@ def _begin(case: Case, folder: Path, root: Path, first: Path | None, advance: Ad
 
 
 def _go_on(case: Case, folder: Path, before: Result, advance: Advance) -> Result:
-    """Go on with a case for some iterations; until they are done, what was before them stays."""
+    """Continue a case for some iterations; its previous result stays until they are done."""
     done = before.provenance["iterations"]
     goal = case.iterations if done < case.iterations else case.settle
     for path in [*_times(folder), *_times(folder / "postProcessing" / "torque")]:
-        # what a killed run has left
+        # remains of a killed run
         if int(path.name) > done or (path.parent != folder and int(path.name) == done):
             shutil.rmtree(path)
     write_json(folder / REQUEST, case.to_json())
@@ -458,7 +458,7 @@ def _times(folder: Path) -> list[Path]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a file that is whole or not there."""
+    """Write a JSON file atomically."""
     write_text(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
@@ -470,7 +470,7 @@ def _geometry(case: Case) -> Geometry:
 
 
 def shared_mesh(case: Case, root: Path) -> dict[str, Any]:
-    """Make the mesh, or take the one that a sister has made; return its quality."""
+    """Make the mesh unless another case has made it; return its quality."""
     place = root / "meshes" / case.mesh_key
     quality = place / "quality.json"
     if not quality.is_file():

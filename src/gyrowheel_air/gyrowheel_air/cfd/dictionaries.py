@@ -1,4 +1,4 @@
-"""The dictionaries of a case: texts of the files below ``system`` and ``constant``."""
+"""OpenFOAM dictionaries of a case: texts of the files in ``system`` and ``constant``."""
 
 from __future__ import annotations
 

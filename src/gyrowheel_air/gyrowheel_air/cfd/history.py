@@ -1,4 +1,4 @@
-"""What a run left behind: the torque at every iteration, residuals, times; and whether it settled and stays steady."""
+"""Output files of a run: torque at every iteration, residuals, times; whether it has settled and is steady."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def average(total: Array, pressure: Array, axes: Array, window: int) -> Torque:
 
 @dataclass(frozen=True)
 class SolverLog:
-    """What the solver's own log says.
+    """Content of the solver's log.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class SolverLog:
 
 
 def read_log(text: str) -> SolverLog:
-    """Return what a log of simpleFoam says; a log that is cut off is read as far as it goes."""
+    """Read a log of simpleFoam; a truncated log is read as far as it goes."""
     residuals = {}
     for field, value in re.findall(r"Solving for (\w+), Initial residual = ([-+.\deE]+)", text):
         residuals[field] = float(value)

@@ -1,4 +1,4 @@
-"""OpenFOAM as a program: where it is, which version, and how its commands are run."""
+"""OpenFOAM programs: their location, version, and execution."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ INSTALL_HINT = (
 )
 
 
-#: Told the iteration that a program has come to.
+#: Receives the present iteration of a program.
 Step = Callable[[int], None]
 
 
@@ -31,12 +31,12 @@ class SolverError(InputError):
 
 
 def available() -> bool:
-    """Whether OpenFOAM is there."""
+    """Return whether OpenFOAM is installed."""
     return all(shutil.which(name) for name in ("simpleFoam", "blockMesh", "checkMesh"))
 
 
 def require() -> None:
-    """Make sure that OpenFOAM is there.
+    """Refuse to continue without OpenFOAM.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def _wait(process: subprocess.Popen[bytes], log: Path, step: Step | None) -> int
 
 
 def reason(text: str, code: int) -> str:
-    """Return why a program failed, in one line, from its log."""
+    """Return the reason of a failure, in one line, from the log of the program."""
     error = re.search(r"--> FOAM FATAL (?:IO )?ERROR:?\s*(.+?)(?:\n\s*\n|\n\s*From |\Z)", text, re.DOTALL)
     if error is not None:
         return " ".join(error.group(1).split())

@@ -1,4 +1,4 @@
-"""Many cases: one a core, each starting from a finished neighbour, and none computed twice."""
+"""Sweeps of many cases, one a core, each starting from a finished neighbour, none computed twice."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.locks import alone_in
 from gyrowheel_core.processes import end_with, hindrance
 
-#: Told after every case: the case, its result or the reason why it failed, how many are done, how many there are.
+#: Called after every case with the case, its result or the reason of its failure, the number done and the total.
 Tell = Callable[[Case, "Result | str", int, int], None]
 
 
@@ -29,7 +29,7 @@ class Step:
     Attributes
     ----------
     case : Case
-        What to run.
+        The case to run.
     first : Case or None
         Where its first guess comes from; must be of an earlier level.
     """
@@ -40,7 +40,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a sweep came to.
+    """Result of a sweep.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ def plan(
 
 
 def companions(template: Case, tilt: float, speed: float) -> list[Step]:
-    """Return the cases that show what a table owes to its mesh, its turbulence model and its axes.
+    """Return the cases that show the dependence of a table on mesh, turbulence model and axes.
 
     All at one speed, most at one tilt: the tilt backwards, the tilt turned by 45 deg, the other meshes, the other
     models; and the meshes without tilt, where only the drag is not zero by symmetry.
@@ -198,7 +198,7 @@ def sweep(
 
 
 def _one(step: Step, root: Path, sweeper: int | None) -> tuple[Case, Result | str]:
-    """Run one case; what fails is told, not raised, so that the others go on."""
+    """Run one case; a failure is returned, not raised, so that the others continue."""
     if sweeper is not None:
         end_with(sweeper)  # a worker of a sweep that is killed must not go on alone
     first = None if step.first is None else root / step.first.name

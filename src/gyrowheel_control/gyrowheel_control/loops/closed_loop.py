@@ -1,4 +1,4 @@
-"""The whole closed loop in one compiled run: what the graph does, without the graph."""
+"""The closed loop in one compiled run: the same as the graph of nodes, without ROS."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CHUNK = 20000  # samples computed between two reports of progress
 
 @dataclass(frozen=True)
 class Run:
-    """What a closed-loop run gave.
+    """Result of a closed-loop run.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Run:
     setpoints : structured ndarray
         Setpoints, dtype `gyrowheel_control.plans.plan.SETPOINT_DTYPE`.
     environment : list of Environment
-        What the operator changed.
+        Changes by the operator.
     bench : Bench
         The bench as its file describes it.
     """
@@ -70,7 +70,7 @@ def simulate(
     bench : Bench
         The bench as its file describes it; all that the controller knows.
     scenario : Scenario
-        What the machine really is.
+        The true machine.
     plan : Plan
         The test plan.
     gains : Gains, optional

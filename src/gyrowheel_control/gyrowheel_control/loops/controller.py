@@ -63,7 +63,7 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
 
 @functools.cache
 def _code() -> ModuleType:
-    """Return the compiled module of the controller alone: its node has no use for the plant."""
+    """Return the compiled module of the controller alone, which its node needs without the plant."""
     text = f"{columns.source(ControllerState)}\n\n{kernel_text(*_KERNEL)}"
     return compile_source(text, "the tilt and spin loops")
 
@@ -75,9 +75,9 @@ def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
     Parameters
     ----------
     declared : tuple of Effect
-        Effects beside the registered ones.
+        Effects in addition to the registered ones.
     """
-    # the laws of the plant need SymPy, which takes long to load; a controller alone has no use for them
+    # the laws of the plant need SymPy, which takes long to load and which a controller alone does not need
     from gyrowheel_sim.plant.compiled import compiled_plant
     from gyrowheel_sim.plant.machine import simulated_effects
 
@@ -109,7 +109,7 @@ class Controller:
         self.reset()
 
     def tune(self, gains: Gains) -> None:
-        """Go on with other gains from the next sample on; filters and integrals stay as they are."""
+        """Change the gains from the next sample on; filters and integrals keep their state."""
         # the compiled module has a class of its own for the constants; the compiler tells the two apart
         self._parameters = _code().ControllerParameters(*controller_parameters(self._bench, gains))
 

@@ -36,7 +36,7 @@ class ControllerState(Column):
 
 
 class SetpointColumn(Column):
-    """What the loops are to follow; it is continued by its rates until the next one comes."""
+    """Setpoint of the loops, extrapolated by its rates until the next one."""
 
     tilt_x = 0, "rad", "tilt about case x"
     tilt_y = 1, "rad", "tilt about case y"

@@ -119,7 +119,7 @@ class SetpointGuard:
         return (x * share, y * share, 0.0, 0.0, *setpoint[4:])
 
 
-#: How long the last setpoint is held when no more come, before the wheel is brought to rest [s].
+#: Time for which the last setpoint is held after their loss, before the wheel is brought to rest [s].
 HOLD_TIME = 1.0
 #: How fast it is then brought to rest: the tilt [rad/s], the spin rate [rad/s^2].
 REST_TILT_RATE, REST_SPIN_RATE = 2.0 * DEG, 100.0
@@ -130,7 +130,7 @@ _NEARER = 0.9
 
 
 class Rest:
-    """The way from the last setpoint to rest: held for `HOLD_TIME`, then the tilt back to zero and the spin down.
+    """Ramp from the last setpoint to rest: held for `HOLD_TIME`, then tilt and spin go to zero.
 
     Parameters
     ----------
@@ -154,10 +154,10 @@ class Rest:
 
 
 class Tracking:
-    """Whether the wheel follows its setpoints.
+    """Monitor of tracking: whether the wheel follows its setpoints.
 
-    A ramp may leave the wheel behind, and a step may take long: only an error counts that lasts while the setpoint
-    stands still, and that does not fall.
+    The wheel may lag on a ramp, and a step may take long: only an error counts that persists at a constant setpoint
+    and does not decrease.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class Tracking:
     Attributes
     ----------
     lost : str
-        What was asked and what there is, in one line, once the wheel has been off for too long; empty while it follows.
+        Setpoint and reading, in one line, once the wheel has not followed for too long; empty while it follows.
     """
 
     def __init__(self, tilt: float, spin: float, patience: float) -> None:
@@ -182,7 +182,7 @@ class Tracking:
     def observe(
         self, stamp: int, tilt_x: float, tilt_y: float, spin_rate: float, setpoint: Sequence[float]
     ) -> bool:
-        """Look at a sample and the setpoint that it is to follow; return whether the wheel has just been lost.
+        """Compare a sample with the setpoint in force; return whether the wheel has just been lost.
 
         Parameters
         ----------

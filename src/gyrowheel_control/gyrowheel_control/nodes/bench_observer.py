@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from gyrowheel_control.loops.supervision import Tracking
 from gyrowheel_core import topics, wire
 
-#: How long it stays known whose the clock is [s].
+#: Time for which the publishers of the clock are remembered [s].
 _WHOSE_TIME = 1.0
 #: In the name of a node, until it has arrived.
 _UNKNOWN = "UNKNOWN"
@@ -34,7 +34,7 @@ class TimeSources:
         self._looked, self._foreign = 0.0, False  # when it was looked whose the clock is, and what was seen
 
     def stamps(self) -> topics.Topic:
-        """Return the topic that tells the time of the samples: one of few messages, if the same node publishes it."""
+        """Return the topic with the stamps of the samples: the less frequent one, if the same node publishes it."""
         slow = self._publishers(topics.JOINT_STATES)
         return (
             topics.JOINT_STATES
@@ -58,7 +58,7 @@ class TimeSources:
         return {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in found}
 
 
-#: How often it is looked whether the wheel follows [ns].
+#: Interval of the checks whether the wheel follows [ns].
 LOOK_PERIOD_NS = 10_000_000
 
 
@@ -81,27 +81,27 @@ class WheelWatch:
 
     @property
     def lost(self) -> str:
-        """What was asked and what there is, in one line, once the wheel has been off for too long; else empty."""
+        """Setpoint and reading, in one line, once the wheel has not followed for too long; else empty."""
         return self._tracking.lost
 
     def begin(self) -> None:
-        """Forget what was seen: another plan begins, or what counts as following is another."""
+        """Start again, for another plan or other bounds."""
         self._tracking = self._new()
         self._due = 0  # time from which on it is looked again [ns]
 
     def is_due(self, now: int) -> bool:
-        """Return whether it is time to look [ns]; in between a sample needs not be unpacked."""
+        """Return whether the next check is due at `now` [ns]; before, a sample need not be unpacked."""
         return now >= self._due
 
     def sample(self, raw: bytes) -> bool:
-        """Look at a sample; return whether the wheel has just been lost."""
+        """Check a sample; return whether the wheel has just been lost."""
         with contextlib.suppress(ValueError):  # from a node that is not of this bench
             stamp, _, tilt_x, tilt_y, _, spin_rate, *_ = wire.MEASUREMENT.unpack(raw)
             return self._look(stamp, tilt_x, tilt_y, spin_rate)
         return False
 
     def joints(self, raw: bytes) -> bool:
-        """Look at a message of the joint states; return whether the wheel has just been lost."""
+        """Check a message of joint states; return whether the wheel has just been lost."""
         try:
             stamp = wire.stamp(raw)
         except ValueError:

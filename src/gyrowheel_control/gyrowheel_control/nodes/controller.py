@@ -102,7 +102,7 @@ class ControllerNode(BenchNode):
         )
 
     def activate(self) -> None:
-        """Answer samples as soon as enough subscribers listen."""
+        """Answer samples as soon as there are enough subscribers."""
         self.prioritise()
         self._rest = None
         if self._commands is None:
@@ -112,7 +112,7 @@ class ControllerNode(BenchNode):
         self._repeating = self.wall_timer(1.0, self._repeat)
 
     def deactivate(self) -> None:
-        """Give up the topic of the commands, after one without voltage on the coils if a sample waits.
+        """Destroy the topic of the commands, after a command with the coils off if a sample waits.
 
         The plant waits for another controller then, with the coils off; its guard brings the motor down if none comes.
         """
@@ -128,7 +128,7 @@ class ControllerNode(BenchNode):
         self._leave()
 
     def cleanup(self) -> None:
-        """Give up the topics."""
+        """Destroy the topics."""
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
         self._leave()
@@ -138,12 +138,12 @@ class ControllerNode(BenchNode):
         self._limit(values["tilt_limit"])
 
     def tune(self) -> None:
-        """Take over gains and tilt limit."""
+        """Adopt gains and tilt limit."""
         self._guard.limit = self._limit(self.parameter("tilt_limit"))
         self._controller.tune(self._gains())
 
-    def diagnose(self) -> NodeStatus:
-        """Return counts, and what the limits have done since the last time."""
+    def diagnose(self) -> Diagnosis:
+        """Return counts, and the actions of the limits since the last diagnosis."""
         guard = self._guard
         values = {
             "commands": self._answered,
@@ -248,7 +248,7 @@ class ControllerNode(BenchNode):
             self._answer(*sample)
 
     def _advance(self, now: int) -> bool:
-        """Go on to the newest setpoint at or before `now` [ns]; return whether it still holds then."""
+        """Advance to the newest setpoint at or before `now` [ns]; return whether it is still in force then."""
         coming = self._coming
         while coming and coming[0][0] <= now:
             self._since, self._setpoint = coming.popleft()
@@ -260,7 +260,7 @@ class ControllerNode(BenchNode):
         return holds
 
     def _come_to_rest(self, now: int, goes_on: bool) -> bool:
-        """Make the setpoint of a time without one [ns] where the samples go on; return whether there is one."""
+        """Make the setpoint of a time without one [ns] if the samples continue; return whether there is one."""
         if self._rest is None:
             if not goes_on or self._since < 0 or now < self._since:
                 return False
@@ -290,7 +290,7 @@ class ControllerNode(BenchNode):
             self._trial = self._command if sequence else None
 
     def _leave(self) -> None:
-        """Give up the topic of the commands, which has one publisher at a time."""
+        """Destroy the topic of the commands, which has one publisher at a time."""
         if self._commands is not None:
             self.deliver(self._commands)
             self.destroy_publisher(self._commands)
@@ -305,7 +305,7 @@ class ControllerNode(BenchNode):
             self._commands.publish(self._trial)
 
     def _restart(self) -> None:
-        """Begin anew with a plant that was started again."""
+        """Reset for a plant that was started again."""
         self.get_logger().info("samples count from the start again: controller reset")
         self._controller.reset()
         self._since = self._until = -1

@@ -13,12 +13,12 @@ from rclpy.parameter import Parameter
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, RepeatedRequest
 
-#: How long a controller that is to take a limit may be away [s].
+#: Time for which the controller that takes the limit may be missing [s].
 LIMIT_TIMEOUT = 10.0
 
 
 class ControllerLimit:
-    """Sets the tilt limit of one plan after another.
+    """Sets the tilt limit of each plan in the controller.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class ControllerLimit:
         return True
 
     def destroy(self) -> None:
-        """Ask no more."""
+        """Destroy the client."""
         self._node.destroy_client(self._client)
 
     def _ask(self) -> Any:

@@ -1,4 +1,4 @@
-"""The node ``joint_commands``: takes the controller's place for one that speaks standard messages.
+"""The node ``joint_commands``: replaces the controller by an external one that uses standard messages.
 
 It takes efforts as ``sensor_msgs/JointState``, joints ``tilt_x``, ``tilt_y`` and ``spin``, turns them into voltages
 and answers the newest sample that has no answer. Efforts that come while every sample is answered wait for the
@@ -124,7 +124,7 @@ class JointCommandsNode(BenchNode):
         self._answer()
 
     def deactivate(self) -> None:
-        """Give up the topic of the commands: the plant switches the coils off and waits for another controller."""
+        """Destroy the topic of the commands: the plant switches the coils off and waits for another controller."""
         self.destroy_timer(self._repeating)
         if self._commands is not None:
             self.deliver(self._commands)
@@ -132,7 +132,7 @@ class JointCommandsNode(BenchNode):
             self._commands = None
 
     def cleanup(self) -> None:
-        """Give up the topics."""
+        """Destroy the topics."""
         for subscription in self._inputs:
             self.destroy_subscription(subscription)
 

@@ -33,9 +33,8 @@ _COARSE: Final = 2  # of rates, which are rounded down, and of times, which are 
 def plan_for(source: str | Path | Plan, bench: Bench) -> Plan:
     """Return the plan that a bench runs under a name, checked.
 
-    A shipped plan is made for the limits of one bench. For a bench with others, it is the bench's own one where that
-    is shipped (``dtg_cone`` for ``cone``), else its speeds, tilts and rates are those of the bench (`fitted`). A plan
-    of one's own is taken as it stands.
+    A shipped plan is made for the limits of one bench. For another bench, it is replaced by the plan shipped for that
+    bench (``dtg_cone`` for ``cone``), or adapted to its limits (`adapted`). A user's plan is not changed.
 
     Raises
     ------
@@ -56,9 +55,9 @@ def adapted(plan: Plan, bench: Bench) -> Plan:
     """Return a shipped plan with the speeds, tilts and rates of a bench; the plan itself where nothing changes.
 
     The lowest, the reference and the highest speed of the bench for which it was written become those of this bench,
-    and what lies between goes along; tilts are scaled with the largest tilt. Then whatever coils or motor cannot
-    follow becomes slower: the rates from hold to hold, cones, sweeps, the rate table. `Plan.fitting` tells what
-    changed.
+    with linear interpolation between; tilts are scaled with the largest tilt. Then everything that coils or motor
+    cannot follow is slowed down: rates from hold to hold, cones, sweeps, the rate table. `Plan.fitting` lists the
+    changes.
 
     Raises
     ------
@@ -125,7 +124,7 @@ def top_reach(bench: Bench) -> float:
 
 
 class _Change:
-    """A plan on its way to another bench: content of its file, and what was changed in words."""
+    """A plan in adaptation to another bench: content of its file, and the changes in words."""
 
     def __init__(self, plan: Plan, content: Any, bench: Bench) -> None:
         self._plan, self._content, self._bench = plan, content, bench
@@ -183,7 +182,7 @@ class _Change:
         return max(abs(s.tilt) for s in self._segments()) / DEG
 
     def hold_longer(self, ratio: float) -> None:
-        """Give slow rotors the time for as many turns as the slowest one takes on the bench of the plan."""
+        """Lengthen holds so that the slowest speed has as many turns as on the bench of the plan."""
         if ratio <= 1.0 + 1e-9:
             return
         before = self._content.get("hold_s", PlanFile.model_fields["hold_s"].default)
@@ -204,7 +203,7 @@ class _Change:
             self.scale_tilts(_down(allowed / needed))
 
     def slow_down(self) -> None:
-        """Slow down what coils and motor cannot follow; not a variation that is beyond the bench anyway."""
+        """Slow down what coils and motor cannot follow, except in a variation that exceeds the bench anyway."""
         segments = self._segments()
         if any(excess.key in ("spin", "tilt") for excess in demands.excesses(segments, self._bench)):
             return
@@ -272,7 +271,7 @@ class _Change:
             self._said.append(f"rates of the table × {short(ratio)}")
 
     def result(self) -> Plan:
-        """Return the plan, with numbers in its texts brought up to date."""
+        """Return the plan, with updated numbers in its texts."""
         plan, name = self._plan, self._bench.name
         content = self._content
         for block in self._blocks:
@@ -287,7 +286,7 @@ class _Change:
         return made
 
     def _retold(self, text: str) -> str:
-        """Return a label with its speeds, tilts and rates of the table as they are now."""
+        """Return a label with updated speeds, tilts and rates of the table."""
 
         def speed(found: re.Match[str]) -> str:
             parts = [

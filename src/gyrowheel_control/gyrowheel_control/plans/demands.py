@@ -52,20 +52,20 @@ class Segment:
         return self.start + self.ramp + self.hold
 
 
-#: Part of the coils' range that slewing and holding may take: the rest is left for damping the nutation.
+#: Share of the coils' range for slewing and holding; the rest is for damping the nutation.
 COIL_SHARE: Final = 0.75
 #: Usual tilt limit over the largest tilt of the bench: 3 deg of 5 deg on the default one.
 USUAL_SHARE: Final = 0.6
-#: Part of the supply that the motor may take.
+#: Share of the supply voltage for the motor.
 SUPPLY_SHARE: Final = 0.95
 
 
 class Excess(NamedTuple):
-    """A segment that is beyond a bench."""
+    """A demand of a segment that exceeds a bench."""
 
     segment: int
     key: str
-    """What of the plan file asks for it: ``spin``, ``tilt``, ``slew`` or ``acceleration``."""
+    """Kind of the demand: ``spin``, ``tilt``, ``slew`` or ``acceleration``."""
     said: str
     """Value and allowed range, in words."""
 
@@ -158,7 +158,7 @@ def possible_acceleration(bench: Bench, s: Segment, share: float = 1.0) -> float
 
 
 def excesses(segments: Sequence[Segment], bench: Bench) -> Iterator[Excess]:
-    """Yield what of some segments is beyond a bench: tilt, speed, voltages needed for slewing and spin-up."""
+    """Yield the demands of segments beyond a bench: tilt, speed, voltages for slewing and spin-up."""
     v = bench.value
     low, high, tilt_limit = v("spin_rate_minimum"), v("spin_rate_maximum"), v("tilt_limit")
     allowed = COIL_SHARE * v("coil_voltage_limit"), SUPPLY_SHARE * v("supply_voltage")

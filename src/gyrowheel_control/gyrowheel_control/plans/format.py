@@ -1,4 +1,4 @@
-"""What a plan file may hold: every key with its unit, range, default and meaning.
+"""Format of plan files: every key with its unit, range, default and meaning.
 
 Reading, messages, the page of the format and the JSON schema for editors come from these declarations.
 """

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a plan file at once, each with its line."""
+"""All problems of a plan file at once, each with its line."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ _KEYS: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 class Wrong(NamedTuple):
-    """What is wrong in one place of a plan file."""
+    """A problem of a plan file."""
 
     line: int | None
-    """Line of the file, from 1; None where the whole is meant."""
+    """Line of the file, from 1; None for the whole file."""
     place: str
-    """Keys and numbers of blocks on the way to it, as ``segments.2.spin_rpm``."""
+    """Path of keys and block numbers, such as ``segments.2.spin_rpm``."""
     said: str
-    """What is wrong, and what is allowed."""
+    """Problem and allowed values."""
 
 
 def inspect(text: str, origin: str, bench: Bench) -> tuple[Plan | None, list[Wrong]]:
-    """Return the plan in a text and everything that is wrong with it on a bench, in the order of the lines.
+    """Return the plan in a text and all its problems on a bench, in the order of the lines.
 
-    What cannot be read does not hide what else is wrong: the other blocks are looked at without it.
+    Unreadable blocks do not hide other problems: the other blocks are checked without them.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def inspect(text: str, origin: str, bench: Bench) -> tuple[Plan | None, list[Wro
 
 
 def _wrong(at: Mapping[tuple[str, ...], int], place: Sequence[str], said: str) -> Wrong:
-    """Return what is wrong with the line of the nearest place that the file has."""
+    """Return a problem with the line of the nearest key in the file."""
     for end in range(len(place), 0, -1):
         if (line := at.get(tuple(place[:end]))) is not None:
             return Wrong(line, ".".join(place), said)
@@ -103,7 +103,7 @@ def _kept(content: Mapping[str, Any], found: Sequence[Wrong]) -> list[int]:
 
 
 def _rest(content: Mapping[str, Any], places: Sequence[tuple[str, ...]], bench: Bench) -> Plan | None:
-    """Return the plan of what can be read, to look at that; None if nothing is left."""
+    """Return the plan of the readable blocks; None if there are none."""
     broken = {place[1] for place in places if place[0] == "segments" and len(place) > 1}
     gone = {place[0] for place in places if len(place) == 1 or place[0] != "segments"}
     blocks = content.get("segments")
@@ -125,7 +125,7 @@ def _beyond(
     bench: Bench,
     kept: Sequence[int] | None,
 ) -> Iterator[Wrong]:
-    """Yield what is beyond the bench, once a block and kind; of a part of a plan only speeds and tilts count."""
+    """Yield the demands beyond the bench, once a block and kind; for a partial plan only speeds and tilts."""
     told = set()
     worse = {e.segment for e in demands.excesses(plan.segments, bench) if e.key in ("spin", "tilt")}
     for excess in demands.excesses(plan.segments, bench):
@@ -145,7 +145,7 @@ def _beyond(
 
 
 def _cure(bench: Bench, s: Segment, kind: str) -> str:
-    """Return what would be possible, where that takes more than the allowed voltage to know."""
+    """Return the possible rate, where it does not follow from the allowed voltage alone."""
     if kind == "slew" and (rate := demands.possible_slew(bench, s)) > 0.0:
         return f", so up to {short(rate / DEG)} deg/s here"
     if kind == "acceleration" and (rise := demands.possible_acceleration(bench, s)) > 0.0:

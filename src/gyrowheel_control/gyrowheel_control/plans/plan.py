@@ -1,4 +1,4 @@
-"""Test plans: what the bench does when, read from YAML, checked against the bench, turned into setpoints."""
+"""Test plans: read from YAML, checked against the bench, converted to setpoints."""
 
 from __future__ import annotations
 
@@ -260,5 +260,5 @@ def _read(text: str, origin: str) -> PlanFile:
     return check(PlanFile, read_yaml(text, origin), origin, kind="plan")
 
 
-#: The same, kept: the same plans are asked for again and again.
+#: The same, cached: few plans are read again and again.
 _kept = functools.lru_cache(maxsize=32)(_read)

@@ -25,7 +25,7 @@ def varied(content: Mapping[str, Any], settings: str, origin: str) -> dict[str, 
     Parameters
     ----------
     content : mapping
-        What a plan file holds; it is left as it is.
+        Content of a plan file, which is not changed.
     settings : str
         ``name=value``, separated by commas: `rig`, `yaw_deg`, `air_density_ratio`, `preheat_k` for the whole plan,
         `hold_s` for every hold, `tilt_ratio` and `spin_ratio` times all tilts and all speeds.
@@ -48,7 +48,7 @@ def varied(content: Mapping[str, Any], settings: str, origin: str) -> dict[str, 
         seen.add(name)
         blocks = result.get("segments")
         if not isinstance(blocks, list) or not all(isinstance(block, dict) for block in blocks) or not blocks:
-            return result  # which the plan itself will complain about
+            return result  # the plan's own check reports it
         _SETTINGS[name](result, name, _value(name, value, origin))
         tail = re.sub(r"[^a-z0-9]+", "_", value.lower().replace("-", "m"))
         result["name"] = f"{result.get('name')}_{name}_{tail}"

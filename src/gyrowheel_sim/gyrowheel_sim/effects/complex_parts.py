@@ -1,4 +1,4 @@
-"""Real and imaginary part of a law, by structure: no expansion, so that a long formula stays as long as it is."""
+"""Real and imaginary part of a law, by its structure: without expansion, so that long formulas do not grow."""
 
 from __future__ import annotations
 

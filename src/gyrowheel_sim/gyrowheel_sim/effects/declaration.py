@@ -1,4 +1,4 @@
-"""What an effect declaration consists of."""
+"""Declarations of effects: laws, coefficients and all that is known about an effect."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Coefficient:
     usual : tuple of float
         Range of the sizes met in practice (low, high); where `signed`, of the magnitude.
     bounds : tuple of float
-        Values that may be typed, and that a fit may search.
+        Values that a user may type and a fit may search.
     source : str
         Where the usual size comes from.
     signed : bool
@@ -50,7 +50,7 @@ class Coefficient:
         Values that physics allows (low, high), narrower than `bounds`. None: an amplitude that is not `signed` only
         brakes, resists or heats and cannot be below zero; any other coefficient has no limit.
     possible_source : str
-        Why nothing else is possible.
+        Reason for `possible`.
     """
 
     name: str
@@ -67,14 +67,14 @@ class Coefficient:
 
     @property
     def physical(self) -> tuple[float, float]:
-        """Values that physics allows (low, high), infinite where it sets no limit."""
+        """Physically possible values (low, high), infinite where there is no limit."""
         if self.possible is not None:
             return self.possible
         return (-math.inf if self.signed or self.shape is not None else 0.0, math.inf)
 
     @property
     def why_possible(self) -> str:
-        """Why nothing else is possible; empty where everything is."""
+        """Reason for the limits of `physical`; empty without limits."""
         if self.possible is not None:
             return self.possible_source
         return (
@@ -109,7 +109,7 @@ class Law:
 
 @dataclass(frozen=True)
 class Effect:
-    """A physical effect: its law and all that is known about it.
+    """A physical effect: laws, coefficients, validity, source.
 
     Attributes
     ----------
@@ -177,10 +177,10 @@ class Effect:
         return {c.name: c.default for c in self.coefficients}
 
     def nulls(self) -> dict[str, float]:
-        """Return the values of every coefficient for which nothing happens."""
+        """Return the value of every coefficient that means no effect."""
         return {c.name: c.null for c in self.coefficients}
 
     @property
     def formula(self) -> str:
-        """The laws as one line of text; each can be typed in as it stands."""
+        """The laws as one line of text, which `formula.read` reads back law by law."""
         return "; ".join(f"{law.target} = {to_text(law.expression)}" for law in self.laws)

@@ -1,4 +1,4 @@
-"""Units of formulas: every law must have the unit of what it acts on. Radians count as dimensionless."""
+"""Units of formulas: every law must have the unit of its target. Radians count as dimensionless."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _dimension(name: str) -> dict[str, Fraction]:
 
 
 def check_effect(effect: Effect) -> None:
-    """Check that every law of an effect has the unit of what it acts on; laws of formulas have been checked before.
+    """Check that every law of an effect has the unit of its target; formulas of users are checked when they are read.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Interface of the code that `gyrowheel_sim.effects.law_code` generates: how the kernel of the plant meets the laws."""
+"""Interface of the code that `gyrowheel_sim.effects.law_code` generates for the kernel of the plant."""
 
 from typing import Any
 
@@ -11,10 +11,10 @@ def evaluate_samples(coef: Any, active: Any, q: Instant) -> Any:
     """Return the same of the targets that are evaluated once a sample."""
 
 def hold_samples(state: Any, laws: Any) -> None:
-    """Keep what `evaluate_samples` gave until the next sample."""
+    """Store the outputs of `evaluate_samples` until the next sample."""
 
 def acting(laws: Any) -> Action:
-    """Return what the laws do to the motion."""
+    """Return the action of the laws on the motion."""
 
 def changed(p: Any, laws: Any, state: Any) -> Any:
     """Return the bench parameters as the laws change them at an instant."""
@@ -26,4 +26,4 @@ def lag_of_coils(state: Any) -> float:
     """Return the time constant with which the torque of the coils follows their voltage [s]."""
 
 def reading_errors(laws: Any) -> Any:
-    """Return what laws that `evaluate_samples` gave add to the readings: one field a reading."""
+    """Return the errors of the readings by the outputs of `evaluate_samples`: one field a reading."""

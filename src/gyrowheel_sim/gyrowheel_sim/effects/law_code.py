@@ -169,7 +169,7 @@ def _tuple_source(name: str, fields: Sequence[str]) -> str:
 def _assignments(
     outputs: Sequence[str], parts: Sequence[sp.Expr], printer: _Printer, prefix: str
 ) -> list[str]:
-    """Return the lines that add `parts` to `outputs`; what occurs twice is computed once."""
+    """Return the lines that add `parts` to `outputs`, with common subexpressions computed once."""
     wanted = list(zip(outputs, parts, strict=False))
     shared, results = sp.cse([part for _, part in wanted], symbols=sp.numbered_symbols(prefix, real=True))
     lines = [f"        {symbol.name} = {printer.doprint(value)}" for symbol, value in shared]
@@ -184,7 +184,7 @@ def _assignments(
 
 
 def entries_source(parameters: Sequence[str], held_start: int) -> str:
-    """Return the source of what brings the laws into the kernel of the plant; see `effects.generated`.
+    """Return the source of the functions through which the laws act in the plant; see `effects.generated`.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def _changes(parameters: Sequence[str], outputs: Mapping[str, str]) -> str:
 
 
 def _total(place: Place, of: str, part: int, outputs: Mapping[str, str], start: str = "0.0") -> str:
-    """Return source for `start` with what the laws add to it at a place: its x (0) or y (1) part."""
+    """Return source for `start` plus the outputs of the laws at a place: the x (0) or y (1) part."""
     terms = []
     for target, entry in entering(place, of):
         if target.outputs[0] in outputs:

@@ -1,4 +1,4 @@
-"""The quantities that the bench knows at an instant, as SymPy symbols: what a law may be written in.
+"""The quantities of the bench at an instant, as SymPy symbols: the variables of laws.
 
 Complex tilt ``z = tan(phi_x) + i tan(phi_y)`` in case axes; a complex torque is ``T_x + i T_y`` in case axes.
 """

@@ -1,7 +1,7 @@
-"""What a law can act on: the one table of law targets.
+"""The table of law targets: everything that a law can act on.
 
-A target is declared once, by its entry in `TARGETS`. Where it enters the equations is one of a few places, each of
-which the compiled plant and the torque balance both have:
+A target is declared once, by its entry in `TARGETS`. It enters the equations at one of the following places, which the
+compiled plant and the torque balance both implement:
 
 ==================  ==========================================================================================
 place               what is added there
@@ -75,7 +75,7 @@ TORQUE_PLACES = frozenset(("across", "along", "shaft", "flexure"))
 
 @dataclass(frozen=True)
 class Entry:
-    """Where a target enters the equations.
+    """The place at which a target enters the equations.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Entry:
     of : str
         Bench parameter (``relative``, ``offset``) or reading (``reading``) that is changed.
     negative : bool
-        Whether what the laws give is subtracted there.
+        Whether the output of the laws is subtracted there.
     over : str
         Bench parameter by which it is divided before; empty for none.
     """
@@ -110,7 +110,7 @@ class LawTarget:
     sentence : str
         What it means.
     noticeable : tuple of float
-        Size of what a noticeable effect does to it: usual sizes of a user's coefficients follow from it.
+        Size of a noticeable change; usual sizes of user-defined coefficients follow from it.
     enters : tuple of Entry
         Where it enters the equations.
     complex : bool
@@ -155,7 +155,7 @@ class LawTarget:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of what the compiled laws give for it."""
+        """Names of the outputs of the compiled laws."""
         return (f"{self.name}_x", f"{self.name}_y") if self.complex or self.each_flexure else (self.name,)
 
     def changes(self, *places: Place) -> bool:
@@ -265,11 +265,11 @@ _ALL = (
 )  # fmt: skip
 #: Every target by its name, in the order in which they are shown.
 TARGETS: Mapping[str, LawTarget] = {target.name: target for target in _ALL}
-#: What the laws that are evaluated once a sample leave in the state of the plant, in order.
+#: Outputs in the state of the plant of the laws that are evaluated once a sample, in order.
 HELD_OUTPUTS = tuple(output for target in _ALL if target.once_a_sample for output in target.outputs)
 
 
-#: What enters at each place; a fit asks for it many thousand times.
+#: Targets by place, precomputed: a fit looks them up many thousand times.
 _ENTERING: dict[tuple[str, str], tuple[tuple[LawTarget, Entry], ...]] = {
     at: tuple(
         (target, entry)

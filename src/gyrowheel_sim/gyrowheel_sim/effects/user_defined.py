@@ -296,7 +296,7 @@ def _units(
 
 
 def _check_target(formula: Formula, target: str) -> None:
-    """Refuse a law that does not suit its target."""
+    """Refuse a law that does not fit its target."""
     node, expression = formula.node, formula.expression
     if not TARGETS[target].each_flexure and expression.free_symbols & {theta, theta_rate}:
         raise formula.error(node, "theta and theta_rate belong to a flexure: only flexure_torque has them")
@@ -427,7 +427,7 @@ def _amplitude(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coe
 
 
 def _possible(entry: CoefficientEntry, null: float, where: str) -> tuple[float, float] | None:
-    """Return what is possible at all; it must include the value of no effect."""
+    """Return the physically possible values; they must include the value of no effect."""
     if entry.possible is not None and not entry.possible[0] <= null <= entry.possible[1]:
         raise InputError(
             f"{where}.possible: {entry.possible[0]:g} .. {entry.possible[1]:g} leave out {null:g}, "
@@ -468,7 +468,7 @@ def _sized(effect: Effect, where: str) -> list[Coefficient]:
         usual = min(sizes)
         usual = (_rounded(usual[0], 2), _rounded(usual[1], 2))
         bounds = c.bounds if c.bounds[1] > 0.0 else (-1000.0 * usual[1], 1000.0 * usual[1])
-        if bounds[1] < usual[1]:  # keep what the user allows
+        if bounds[1] < usual[1]:  # keep the user's bounds
             usual = (0.01 * bounds[1], bounds[1])
         result.append(replace(c, usual=usual, bounds=bounds))
     return result

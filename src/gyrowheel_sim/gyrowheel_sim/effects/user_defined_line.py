@@ -1,4 +1,4 @@
-"""Effects in one line, as a command line or a text field takes them, and written so that they can be typed.
+"""User-defined effects in one line of text, for command lines and text fields: read and written.
 
 ``stator_pull: torque = -k*r^2*z; k [N*m/rad]`` is the whole; a law alone is enough where its coefficients have names of
 one letter: ``-k*r^2*z`` declares ``k``, whose unit follows.
@@ -36,7 +36,7 @@ Entries = dict[str, dict[str, Any]]
 
 
 def effect_from_text(text: str, where: str = "formula") -> Effect:
-    """Return the effect that one line declares.
+    """Return the effect that a line of text declares.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def typed_effect(
     target: str | None = None,
     where: str = "formula",
 ) -> Effect:
-    """Return the effect that a user has typed in one line.
+    """Return the effect that a user has typed in one line, with parts left out.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def typed_effect(
     laws, coefficients = _parts(text, where, LAW_FIELDS[target])
     letters = [n for law in laws.values() for n in unknown_names(law) if _LETTER.fullmatch(n)]
     coefficients |= {letter: {} for letter in letters if letter not in coefficients}
-    # what is no formula is said before anything is concluded from it
+    # errors of a formula come before conclusions from it
     formulas = [
         (read(law, coefficients, f"{where}: {name}.{left}"), TARGETS[left].unit) for left, law in laws.items()
     ]
@@ -121,7 +121,7 @@ def typed_effect(
 def effect_to_line(effect: Effect) -> str:
     """Return laws and coefficients of an effect in one line, without its name, as `typed_effect` reads them.
 
-    What a line cannot hold is left out: usual sizes and bounds of amplitudes, and all that is said in words.
+    The line has no usual sizes and bounds of amplitudes, and no descriptions.
     """
     mapping = effect_to_mapping(effect)
     laws = [f"{target} = {mapping[target]}" for target in TARGETS if target in mapping]
@@ -191,7 +191,7 @@ def _unit(
 ) -> str | None:
     """Return the unit of one coefficient, numbers standing in for `others`; None if it does not follow."""
     for formula, wanted in laws:
-        # whatever is wrong is said when the whole is read
+        # errors are reported when the whole line is read
         with contextlib.suppress(InputError):
             try:
                 check_unit(formula.with_numbers(others), {**units, name: None}, wanted)

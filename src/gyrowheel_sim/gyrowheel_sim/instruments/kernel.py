@@ -35,7 +35,7 @@ def advance_drifts(p: Any, drift: Any, start: int, noise: Any) -> None:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def sensed_tilt(p: Any, zx: float, zy: float, error_x: float, error_y: float) -> Any:
-    """Return what the tilt sensors show of a tilt, before their converters; laws of effects add `error`."""
+    """Return the output of the tilt sensors before their converters; laws of effects add `error`."""
     x, y = math.atan(zx), math.atan(zy)
     tilt_x = p.tilt_scale * x + p.tilt_bias_x + error_x
     tilt_y = p.tilt_scale * y + p.tilt_bias_y + error_y
@@ -47,7 +47,7 @@ def sensed_tilt(p: Any, zx: float, zy: float, error_x: float, error_y: float) ->
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def encoded(p: Any, angle: float) -> float:
-    """Return what the encoder shows of an angle: its zero, and its errors once and twice a turn."""
+    """Return the encoder's reading of an angle: with its zero error and its errors once and twice a turn."""
     angle_read = angle + p.encoder_zero
     if p.encoder_once_x != 0.0 or p.encoder_once_y != 0.0:
         angle_read += p.encoder_once_x * math.cos(angle) + p.encoder_once_y * math.sin(angle)
@@ -66,7 +66,7 @@ def stepped(value: float, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def converted(value: float, hum: float, mains: float, resolution: float) -> float:
-    """Return what a converter gives: the value with the hum of the mains, whose phase is `mains`, in steps."""
+    """Return the output of a converter: the value with mains hum of phase `mains`, in steps."""
     if hum > 0.0:
         value += hum * math.sin(mains)
     return stepped(value, resolution)
@@ -131,7 +131,7 @@ SHORTEST_FILTER = 1.0e-7  # s; a shorter time constant does nothing
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def has_chain(q: Any) -> bool:
-    """Whether any instrument shows another instant than its stamp, or a filtered quantity."""
+    """Return whether any instrument has a delay or a filter."""
     return (
         q.tilt_delay != 0.0 or q.spin_angle_delay != 0.0 or q.coil_voltage_delay != 0.0
         or q.motor_voltage_delay != 0.0 or q.motor_current_delay != 0.0
@@ -239,17 +239,9 @@ def filtered(m: Any, start: int, which: int, order: int, left: float, mean: floa
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def read_held(
-    m: Any,
-    start: int,
-    h: float,
-    first: bool,
-    column: int,
-    which: int,
-    delay: float,
-    time: float,
-    order: float,
-) -> float:
-    """Return what an instrument with delay and filter shows of a quantity that is held between samples."""
+    m: Any, start: int, h: float, first: bool, column: int, which: int, delay: float, time: float, order: float,
+) -> float:  # fmt: skip
+    """Return the reading, with delay and filter, of a quantity that is held between samples."""
     age = delay / h
     if time <= SHORTEST_FILTER:
         return mean_at(m, start, column, age)

@@ -10,7 +10,7 @@ from gyrowheel_sim.parameter import HIGHEST_ORDER
 
 
 class Reading(Column):
-    """Columns of a sample, in the order of the Measurement message."""
+    """Indices into a sample, in the order of the Measurement message."""
 
     tilt_x = 0, "rad", "tilt about case x"
     tilt_y = 1, "rad", "tilt about case y"
@@ -46,7 +46,7 @@ N_NOISE = len(Reading) + len(Drift)
 
 
 class Past(Column):
-    """Columns of a row of the memory: motion, voltages and current at one sample."""
+    """Indices into a row of the memory: motion, voltages and current at one sample."""
 
     n_x = 0, "1", "spin axis: component along case x"
     n_y = 1, "1", "spin axis: component along case y"
@@ -75,7 +75,7 @@ class Chain(Column):
 LONGEST = 10
 #: The next sample (voltages alone), the present one, those before; a filter looks one sample further back.
 N_ROWS = LONGEST + 4
-#: Places of one filter: its last input and one output for each pole.
+#: Numbers stored for one filter: its last input and one output for each pole.
 N_FILTER = 1 + HIGHEST_ORDER
 FILTERS = 1
 ROWS = FILTERS + N_FILTER * len(Chain)

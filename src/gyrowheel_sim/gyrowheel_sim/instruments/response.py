@@ -1,4 +1,4 @@
-"""What delay and filter of an instrument do to what turns with the rotor: amplitude of a reading over the true one.
+"""Frequency response of an instrument with delay and filter: amplitude of a reading over the true one.
 
 Tilts and angles change smoothly, so their readings have the response of the analogue chain. Voltages are held between
 latches. Their converters give the mean over one sampling period, which without delay is the held voltage itself; over

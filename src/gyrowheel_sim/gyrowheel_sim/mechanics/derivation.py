@@ -1,8 +1,8 @@
 """The equations of motion derived symbolically by Lagrange's method, also for a case that turns itself.
 
 `gyrowheel_sim.mechanics.dynamics` holds the published equations, eq (6) of Huo et al. 2016, as compiled code.
-This module derives them anew from the energies and knows nothing of what is printed; the tests compare the two. It
-goes beyond eq (6) in that the case may turn at any rate (a rate table, the Earth), which eq (6) leaves out.
+This module derives them independently from the energies; the tests compare the two. It goes beyond eq (6): the case
+may turn at any rate (a rate table, the Earth).
 
 Frames, all passive rotations: case -> motor by Rz(theta_z), motor -> gimbal by Rx(theta_x), gimbal -> rotor by
 Ry(theta_y).

@@ -40,19 +40,8 @@ def case_to_joint(nx: Any, ny: Any, nx_rate: Any, ny_rate: Any, sz: Any, cz: Any
 
 @register_jitable
 def case_accelerations(
-    sx: Any,
-    cx: Any,
-    sy: Any,
-    cy: Any,
-    wx: Any,
-    wy: Any,
-    sz: Any,
-    cz: Any,
-    Omega: Any,
-    ax: Any,
-    ay: Any,
-    az: Any,
-) -> Any:
+    sx: Any, cx: Any, sy: Any, cy: Any, wx: Any, wy: Any, sz: Any, cz: Any, Omega: Any, ax: Any, ay: Any, az: Any,
+) -> Any:  # fmt: skip
     """Return (n_x'', n_y'') in the case frame from joint rates (wx, wy, Omega) and accelerations (ax, ay, az)."""
     mx = sy
     my = -sx * cy
@@ -68,21 +57,9 @@ def case_accelerations(
 
 @register_jitable
 def inertia_terms(
-    sx: Any,
-    cx: Any,
-    sy: Any,
-    cy: Any,
-    wx: Any,
-    wy: Any,
-    wz: Any,
-    Irx: Any,
-    Iry: Any,
-    Irz: Any,
-    Igx: Any,
-    Igy: Any,
-    Igz: Any,
-    Imz: Any,
-) -> Any:
+    sx: Any, cx: Any, sy: Any, cy: Any, wx: Any, wy: Any, wz: Any,
+    Irx: Any, Iry: Any, Irz: Any, Igx: Any, Igy: Any, Igz: Any, Imz: Any,
+) -> Any:  # fmt: skip
     """Return the mass matrix (m11, m13, m22, m23, m33) and the velocity terms (f1, f2, f3) of eq (6).
 
     The equations of motion are M q'' = Q + f, with Q every generalised force. Source: Huo et al. 2016, eq (6),

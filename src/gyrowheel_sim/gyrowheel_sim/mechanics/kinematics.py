@@ -168,7 +168,7 @@ def rotor_momentum(
 ) -> Array:
     """Return the angular momentum of the rotor in the motor frame [kg m^2/s], exact; shape (..., 3).
 
-    This is what eq (1) stands for: I_r times the rotor's angular velocity, eq (5).
+    Eq (1) stands for I_r times the rotor's angular velocity, eq (5).
 
     Parameters
     ----------

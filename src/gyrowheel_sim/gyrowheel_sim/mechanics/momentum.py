@@ -1,4 +1,7 @@
-"""Angular momentum that a wheel can store: exact, and by eqs (1) and (2) of Huo et al. 2016."""
+"""Momentum envelope of a wheel: eqs (1) and (2) of Huo et al. 2016 over speeds, tilts and azimuths.
+
+It contains the exact momentum of the rotor and the approximations of the paper.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """The plant as one step of compiled code: rotor, coils, motor, thermal states; the instruments read it.
 
-This module is not run as it stands: `gyrowheel_sim.plant.compiled` puts the places of the arrays, the generated laws of
-the effects, the equations of motion, the instruments and the text below into one source file, which is compiled once
-and cached on disk. Effects act through the interface of `gyrowheel_sim.effects.generated` alone: no law target is
-named here.
+This module itself is not run: `gyrowheel_sim.plant.compiled` combines the array indices, the equations of motion, the
+generated laws of the effects, the instruments and the text below in one source, which is compiled once and cached on
+disk. Effects act only through the interface of `gyrowheel_sim.effects.generated`: no law target is named here.
 """
 
 from __future__ import annotations
@@ -65,7 +64,7 @@ def instant_of(
     p: Any, env: Any, s: Any, t: float, rho: float, zx: float, zy: float, zx_rate: float, zy_rate: float,
     angle: float, Omega: float, theta_x: float, theta_y: float, wx: float, wy: float, current: float,
 ) -> Instant:  # fmt: skip
-    """Return what the laws are evaluated with: the motion as given, the rest from state and surroundings."""
+    """Return the inputs of the laws: the motion from the arguments, the rest from state and surroundings."""
     return Instant(
         zx=zx, zy=zy, zx_rate=zx_rate, zy_rate=zy_rate, theta_z=angle, Omega=Omega,
         theta_x=theta_x, theta_y=theta_y, theta_x_rate=wx, theta_y_rate=wy,
@@ -99,23 +98,8 @@ def plant_rates(
     theta_x = math.asin(sx)
     theta_y = math.asin(sy)
     at = instant_of(
-        p,
-        env,
-        s,
-        t,
-        rho,
-        zx,
-        zy,
-        zx_rate,
-        zy_rate,
-        angle,
-        Omega,
-        theta_x,
-        theta_y,
-        wx,
-        wy,
-        s[State.motor_current],
-    )
+        p, env, s, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, theta_x, theta_y, wx, wy, s[State.motor_current]
+    )  # fmt: skip
     laws = evaluate_laws(coef, active, at)
     act = acting(laws)
     m = changed(p, laws, s)
@@ -230,8 +214,8 @@ def plant_step(
         xs, ys, as_ = x + c * uxs, y + c * uys, a + c * ws
         uxs, uys, ws = ux + c * ax, uy + c * ay, w + c * aw
     s = h / 6.0
-    # What the step falls behind a free nutation, whose first slopes are kx + i ky: with n the angle of the nutation in
-    # one step, exp(i n) less the first five terms of its series, over i n; and the same once more integrated.
+    # Truncation error of the step for a free nutation, whose first slopes are kx + i ky: with n the nutation angle of
+    # one step, exp(i n) less the first five terms of its series, over i n; and its integral.
     n = (
         (p.rotor_inertia_z + p.gimbal_inertia_x)
         / (0.5 * (p.rotor_inertia_x + p.rotor_inertia_y + p.gimbal_inertia_x))
@@ -284,24 +268,15 @@ def tilt_of(nx: float, ny: float, ux: float, uy: float) -> Any:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def angle_at(q: Any, state: Any, age: float) -> Any:
-    """Return the angle of the shaft and the spin rate at an instant that the memory of the instruments reaches."""
+    """Return the angle of the shaft and the spin rate at an instant within the memory of the instruments."""
     return moved_to(state, MEMORY_START, q.sample_period, Past.spin_angle, Past.spin_rate, age, 2.0 * math.pi)
 
 
 @njit(cache=True, error_model="numpy")
 def tilt_at(
-    p: Any,
-    q: Any,
-    coef: Any,
-    active: Any,
-    env: Any,
-    state: Any,
-    t: float,
-    rho: float,
-    current: float,
-    age: float,
-) -> Any:
-    """Return what the tilt sensors show of an instant that the memory of the instruments reaches."""
+    p: Any, q: Any, coef: Any, active: Any, env: Any, state: Any, t: float, rho: float, current: float, age: float,
+) -> Any:  # fmt: skip
+    """Return the output of the tilt sensors for an instant within the memory of the instruments."""
     h = p.sample_period
     nx, ux = moved_to(state, MEMORY_START, h, Past.n_x, Past.n_x_rate, age, 0.0)
     ny, uy = moved_to(state, MEMORY_START, h, Past.n_y, Past.n_y_rate, age, 0.0)
@@ -319,7 +294,7 @@ def read_through_chain(
     p: Any, q: Any, m: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, t: float, rho: float,
     vx: float, vy: float, vm: float, current: float,
 ) -> Any:  # fmt: skip
-    """Return what delays and filters leave of tilts, angle, voltages and current.
+    """Return tilts, angle, voltages and current after delays and filters.
 
     `q` are the parameters as the laws of the sample change them, `m` as those of the instant do.
     """

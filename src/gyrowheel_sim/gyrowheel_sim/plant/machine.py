@@ -71,7 +71,7 @@ _TRUTH = tuple(State)[: State.air_pressure + 1]
 
 @functools.cache
 def simulated_effects(declared: tuple[Effect, ...] = ()) -> tuple[Effect, ...]:
-    """Return every effect that the plant can have: the registered ones, those for blind tests, and those declared."""
+    """Return all effects of the plant: registered ones, those for blind tests, and declared ones."""
     names = {effect.name for effect in declared}
     return (*registry().values(), *(effect for effect in UNREGISTERED if effect.name not in names), *declared)
 
@@ -90,7 +90,7 @@ class Machine:
     bench : Bench
         The bench as its file describes it.
     scenario : Scenario
-        What the machine really is.
+        The true machine.
     initial_spin_rate : float
         Spin rate at the start [rad/s].
     effects : sequence of Effect, optional
@@ -203,17 +203,9 @@ class Plant:
         self._stamp_ns = int(m.clock.stamps(1)[0])
         self._apply_events()
         self._code.plant_measure(
-            m.parameters,
-            m.coefficients,
-            m.active,
-            m.environment,
-            m.state,
-            0.0,
-            *m.held,
-            m.held,
-            self._next_noise(),
+            m.parameters, m.coefficients, m.active, m.environment, m.state, 0.0, *m.held, m.held, self._next_noise(),
             self._out,
-        )
+        )  # fmt: skip
         return self._out
 
     def step(self, coil_voltage_x: float, coil_voltage_y: float, motor_voltage: float) -> NDArray[np.float64]:

@@ -1,12 +1,12 @@
-"""The node ``plant``: the simulated bench, sample by sample, by one of two clocks.
+"""The node ``plant``: the simulated bench, sample by sample, paced by one of two clocks.
 
-``lockstep``: it publishes sample 0 once enough subscribers listen and a controller is there, and from then on one
-sample for each command that answers the last one. The run is reproducible, and as fast as the two nodes can talk;
+``lockstep``: it publishes sample 0 once there are enough subscribers and a controller, and from then on one sample for
+each command that answers the last one. The run is reproducible, and as fast as the two nodes communicate;
 ``/clock`` carries the simulated time.
 
 ``realtime``: a sample every period of the bench by the wall clock, answered or not (`real_time`).
 
-In both a `Guard` stands between the commands and the machine.
+In both a `Guard` protects the machine.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ class PlantNode(BenchNode):
         )
 
     def activate(self) -> None:
-        """Publish sample 0 once everyone who needs it listens, or go on where the node was deactivated."""
+        """Publish sample 0 once all its subscribers exist, or continue after a deactivation."""
         self.prioritise()
         self._guard.start()
         self._active = True
@@ -239,7 +239,7 @@ class PlantNode(BenchNode):
         self.deliver(self._measurements)
 
     def cleanup(self) -> None:
-        """Give up the plant and its topics."""
+        """Destroy the topics."""
         for subscription in (self._environment, self._commands, self._diagnoses):
             if subscription is not None:
                 self.destroy_subscription(subscription)
@@ -258,7 +258,7 @@ class PlantNode(BenchNode):
         self._limits(values)
 
     def tune(self) -> None:
-        """Take over the limits, and the rate of the joint states."""
+        """Adopt the limits, and the rate of the joint states."""
         self._joint_period = round(1e9 / self.parameter("joint_state_rate"))
         self._joints_due = min(self._joints_due, self._plant.time_ns + self._joint_period)
         self._due = min(self._due, self._joints_due)
@@ -266,7 +266,7 @@ class PlantNode(BenchNode):
         self._guard.limits = self._limits(values)
 
     def patience(self) -> float:
-        """Return how long until a sample is due [s], in real time."""
+        """Return the time until a sample is due in real time [s]."""
         usual = super().patience()
         return usual if self._real_time is None else min(self._real_time.patience(), usual)
 
@@ -366,7 +366,7 @@ class PlantNode(BenchNode):
             self._publish_sample(self._plant.measure())
 
     def _missing(self) -> list[str]:
-        """Return what is still missing before sample 0 can be published."""
+        """Return the missing conditions of sample 0, in words."""
         missing = []
         have, need = self._measurements.get_subscription_count(), self.parameter("wait_for_subscribers")
         if have < need:
@@ -378,7 +378,7 @@ class PlantNode(BenchNode):
         return missing
 
     def _unheard(self) -> str:
-        """Return who publishes commands in a way that does not reach this node, in words; empty if nobody does."""
+        """Return the publishers of commands whose quality of service does not match, in words; empty without any."""
         there = () if self.controllers() else self.get_publishers_info_by_topic(topics.COMMAND.relative)
         best = ReliabilityPolicy.BEST_EFFORT
         names = sorted({info.node_name for info in there if info.qos_profile.reliability == best})
@@ -444,7 +444,7 @@ class PlantNode(BenchNode):
             self.fault("controller_silent", text)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note whether who answers the samples waits for a setpoint itself."""
+        """Note whether the controller itself waits for a setpoint."""
         for status in message.status:
             if not namespaces.is_of_another(status.hardware_id, self.namespace):
                 waits = {pair.value for pair in status.values if pair.key == WAITS_FOR}
@@ -455,11 +455,11 @@ class PlantNode(BenchNode):
     # ---- both
 
     def controllers(self) -> int:
-        """Return how many controllers are there."""
+        """Return the number of controllers."""
         return int(self._commands.get_publisher_count())
 
     def step(self) -> None:
-        """Go on by one sample."""
+        """Advance by one sample."""
         guard = self._guard
         tripped = guard.trip
         reading = self._plant.step(*guard.output())
@@ -480,7 +480,7 @@ class PlantNode(BenchNode):
             self._publish_slow(now, values)
 
     def _derive(self, tilt_x: float, tilt_y: float) -> None:
-        """Go on with the tilt rates, from readings: the joint states tell nothing that sensors do not."""
+        """Update the tilt rates from readings: joint states contain only what sensors measure."""
         smooth = self._smooth
         if smooth is None:
             self._smooth = [tilt_x, tilt_y]
@@ -520,7 +520,7 @@ class PlantNode(BenchNode):
 
     @staticmethod
     def _driven(values: list[float]) -> tuple[float, float, float]:
-        """Return what drives the joints: the voltages of the coils [V] and the current of the motor [A]."""
+        """Return the drive of the joints: voltages of the coils [V] and current of the motor [A]."""
         _, _, _, _, coil_x, coil_y, _, current, *_ = values
         return coil_x, coil_y, current
 

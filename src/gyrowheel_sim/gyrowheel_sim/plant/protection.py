@@ -1,12 +1,12 @@
-"""Guards between the commands and the machine: limits, hard stop, watchdog, refusal of invalid commands.
+"""Protection of the machine: voltage limits, hard stop, watchdog, refusal of invalid commands.
 
-The guard stands where the voltages leave for the machine. `Guard.take` judges each command, `Guard.output` gives the
-voltages of the next sample, `Guard.observe` looks at each sample. It knows no ROS and no clock: time is counted in
-samples, so that it acts in the same way whatever paces them.
+A `Guard` sits between the commands and the machine. `Guard.take` checks each command, `Guard.output` returns the
+voltages of the next sample, `Guard.observe` checks each sample. It uses neither ROS nor a clock: it counts time in
+samples, so that it acts in the same way at any pace.
 
-What it does has a name (`GuardState`), which the plant's node says on ``/diagnostics``. Two states are final:
-``controller_lost`` and ``tilt_stop`` switch the coils off and let the motor spin down, whatever is commanded, until
-`Guard.start` is called again.
+Its state has a name (`GuardState`), which the plant's node reports on ``/diagnostics``. Two states are final:
+``controller_lost`` and ``tilt_stop`` switch the coils off and let the motor spin down, regardless of commands, until
+the next call of `Guard.start`.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ HELD_SHARE = 0.01
 
 
 class GuardState(enum.StrEnum):
-    """What the guard is doing.
+    """State of the guard.
 
-    The states between ``normal`` and ``controller_lost`` tell what happened since the last `Guard.report`; the worst
-    of them counts. No more than `HELD_SHARE` of the samples held is the least of them: it must not hide the others.
+    The states between ``normal`` and ``controller_lost`` describe the time since the last `Guard.report`; the most
+    severe counts. Holding no more than `HELD_SHARE` of the samples is the least severe: it must not hide the others.
     """
 
     STOPPED = "stopped"
@@ -55,7 +55,7 @@ class Refusal(enum.StrEnum):
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """What the guard allows.
+    """Limits of the guard.
 
     Attributes
     ----------
@@ -93,12 +93,12 @@ class GuardLimits:
 
 
 class Guard:
-    """Judges commands and gives the voltages that are applied.
+    """Checks commands and returns the voltages that are applied.
 
     Parameters
     ----------
     limits : GuardLimits
-        What is allowed; may be replaced at any time.
+        The limits; may be replaced at any time.
     motor_voltage : float
         Voltage of the motor until the first command [V]: the one at which the machine is started.
 
@@ -138,7 +138,7 @@ class Guard:
         self._samples = 0
 
     def start(self) -> None:
-        """Begin, or begin anew after a trip: wait for the first command."""
+        """Start, also after a trip: wait for the first command."""
         self.trip, self.reason = None, ""
         self._voltages, self._first = self._first, (0.0, 0.0, 0.0)
         self._running, self._commanded, self._fresh = True, False, False
@@ -166,7 +166,7 @@ class Guard:
 
     @property
     def running(self) -> bool:
-        """Whether it lets voltages through: it was started, and has neither been stopped nor tripped."""
+        """Whether voltages are applied: it was started, and has neither been stopped nor tripped."""
         return self._running and self.trip is None
 
     @property
@@ -180,7 +180,7 @@ class Guard:
         return self._voltages == (0.0, 0.0, 0.0)
 
     def take(self, answered: int, newest: int, x: float, y: float, motor: float) -> Refusal | None:
-        """Judge a command; return why it is refused, or None.
+        """Check a command; return the reason of its refusal, or None.
 
         Parameters
         ----------
@@ -251,7 +251,7 @@ class Guard:
         return self._voltages
 
     def refusals(self) -> str:
-        """Return what has come since the last command that was taken, and why it was refused; empty if nothing was."""
+        """Return the commands refused since the last one taken, with reasons, in words; empty if there were none."""
         came = {why: count - self._refused_before[why] for why, count in self.refused.items()}
         kinds = [f"{count} {why.replace('_', ' ')}" for why, count in came.items() if count]
         return f": {sum(came.values())} came and were refused ({', '.join(kinds)})" if kinds else ""
@@ -271,7 +271,7 @@ class Guard:
 
     @property
     def state(self) -> GuardState:
-        """What the guard is doing, and what has happened since the last `report`."""
+        """State of the guard, including events since the last `report`."""
         if self.trip is not None:
             return self.trip
         if not self._running:

@@ -22,12 +22,12 @@ STEADY, UNANSWERED = 5, 3
 
 
 class Pacer:
-    """Tells when samples are due by a monotonic clock, and makes up for a delay at the pace of the answers.
+    """Determines when samples are due by a monotonic clock, and recovers from a delay at the pace of the answers.
 
-    After a delay several samples are due. They are made one by one, each once the last one is answered or was made
-    `GRACE` periods ago, so that every answer has its time; where not every sample is answered, by a slower controller
-    or by none, they are made at once. After a longer delay the bench stood still until the sample that is due now. So
-    no sample is lost.
+    After a delay several samples are due. They are made one by one, each when the last one is answered or is `GRACE`
+    periods old, so that every answer has its time; if the controller does not answer every sample, or there is none,
+    they are made at once. After a longer delay the bench has stood still until the sample that is due now. No sample
+    is lost.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Statistics:
             self._worst = value
 
     def report(self, name: str) -> dict[str, str]:
-        """Return ``NAME_mean_ms``, ``NAME_deviation_ms`` and ``NAME_worst_ms`` as texts, and begin anew."""
+        """Return ``NAME_mean_ms``, ``NAME_deviation_ms`` and ``NAME_worst_ms`` as texts, and start again."""
         count = max(self._count, 1)
         mean = self._sum / count
         deviation = math.sqrt(max(self._squares / count - mean * mean, 0.0))
@@ -141,65 +141,65 @@ class Statistics:
 
 #: Time between two messages of the clock [ns]; the stamps of a bench in real time begin on a multiple of it.
 CLOCK_PERIOD_NS = 10_000_000
-#: A stall of this length is told at once, a shorter one with the next diagnosis [ns].
+#: A stall of this length is reported at once, a shorter one with the next diagnosis [ns].
 TOLD_AT_ONCE_NS = 20_000_000
-#: A system clock that was set by so much since the bench began is said to have jumped [s].
+#: Total adjustment of the system clock since the start that counts as a jump [s].
 CLOCK_JUMP = 0.02
-#: Time between two looks for a controller [s].
+#: Interval of the checks for a controller [s].
 LOOK = 0.05
 RELEASED = "released: the controller has left; coils off, the motor goes on until another one comes"
 
 
 def clocks_apart() -> int:
-    """Return the system clock less the monotonic one [ns], both read at the same time as nearly as can be."""
+    """Return the system clock minus the monotonic clock [ns], read as nearly simultaneously as possible."""
     reads = [(time.monotonic_ns(), time.time_ns(), time.monotonic_ns()) for _ in range(3)]
     before, now, after = min(reads, key=lambda read: read[2] - read[0])
     return now - (before + after) // 2
 
 
 class Paced(Protocol):
-    """What is paced: the node of the plant."""
+    """Interface of the node that is paced."""
 
     epoch: int
     """Stamp of sample 0 [ns]."""
 
     def step(self) -> None:
-        """Go on by one sample."""
+        """Advance by one sample."""
 
     def controllers(self) -> int:
-        """Return how many controllers are there."""
+        """Return the number of controllers."""
 
     def announce(self) -> None:
-        """Tell the diagnosis now."""
+        """Publish the diagnosis now."""
 
     def get_logger(self) -> Any:
-        """Return what takes lines for the log."""
+        """Return the logger."""
 
     def wall_timer(self, period: float, callback: Callable[[], None]) -> Any:
-        """Call something every period [s]."""
+        """Return a timer that calls `callback` every `period` [s]."""
 
     def destroy_timer(self, timer: Any) -> Any:
-        """Call it no more."""
+        """Destroy a timer."""
 
 
 class RealTime:
-    """The pace of a plant by the wall clock: ticks, what became of them, and commands as they come.
+    """Paces a plant by the wall clock, takes commands as they arrive, and reports timing.
 
     Parameters
     ----------
     node : Paced
-        What makes a sample at every step.
+        The node, which makes a sample at every step.
     plant : Plant
-        The machine within.
+        The simulated bench.
     guard : Guard
-        What stands between commands and machine.
+        The guard of the machine.
     period_ns : int
         Time between two samples [ns].
 
     Attributes
     ----------
     clock_jump : float
-        By how much the system clock was set since the start, at the last report [s]: so far it is from the stamps.
+        Total adjustment of the system clock since the start, at the last report [s]: its distance from the stamps.
     """
 
     def __init__(self, node: Paced, plant: Plant, guard: Guard, period_ns: int) -> None:
@@ -218,13 +218,13 @@ class RealTime:
         self.clock_jump = 0.0
 
     def watch(self) -> None:
-        """Take commands, and look whether a controller is there."""
+        """Take commands, and check regularly for a controller."""
         self._seen = False
         self._watch = self._node.wall_timer(LOOK, self._look_for_controller)
 
     def start(self) -> None:
-        """Go on at the pace of the clock from the present sample on."""
-        # the grid of the stamps is that of the setpoints, and they are true: so it is waited for
+        """Continue from the present sample at the pace of the clock."""
+        # stamps are true times on the grid of the setpoints: wait for the next point of the grid
         time.sleep((-time.time_ns() % CLOCK_PERIOD_NS) * 1e-9)
         self._apart, self._ticked = clocks_apart(), time.monotonic_ns()
         now = self._ticked + self._apart
@@ -235,13 +235,13 @@ class RealTime:
         self._told_stalls, self._told_late = 0, (0, self._plant.sequence)
 
     def stop(self) -> None:
-        """Make no samples, and take no commands."""
+        """Stop making samples and taking commands."""
         if self._watch is not None:
             self._node.destroy_timer(self._watch)
         self._watch, self._going = None, False
 
     def patience(self) -> float:
-        """Return how long until a sample is made [s], if no command comes before."""
+        """Return the time until the next sample if no command comes before [s]."""
         if self._pacer is None or not self._going:
             return math.inf
         return self._pacer.patience_ns(time.monotonic_ns()) * 1e-9
@@ -264,7 +264,7 @@ class RealTime:
         self._execution.add(time.monotonic_ns() - now)
 
     def _stand_still(self, stood: int) -> None:
-        """Go on after a time [ns] in which no samples were made, at the time that it is."""
+        """Continue at the present time after an interruption [ns] without samples."""
         at = self._node.epoch + self._plant.time_ns - self._begun
         self._node.epoch += stood
         self._stall = f"stood_still: {stood * 1e-9:.3f} s at {at * 1e-9:.1f} s"
@@ -273,7 +273,7 @@ class RealTime:
             self._node.announce()
 
     def _look_for_controller(self) -> None:
-        """Wait for another controller where the last one has left in order; one that was killed is still known."""
+        """Wait for another controller after a regular exit of the last one; a killed one is still listed."""
         # the first command of a controller may come before the middleware counts it
         left, self._seen = self._seen, self._node.controllers() > 0
         if left and not self._seen and self._guard.release():
@@ -298,7 +298,7 @@ class RealTime:
             self._node.announce()
 
     def report(self) -> dict[str, object]:
-        """Return what the diagnosis says about timing."""
+        """Return the values of the diagnosis about timing."""
         guard, pacer = self._guard, self._pacer
         values: dict[str, object] = {
             "late_commands": guard.late,
@@ -323,7 +323,7 @@ class RealTime:
         return values
 
     def lateness(self) -> tuple[str, str]:
-        """Return what happened to the time since the last call: a stall, and samples that were late; in words."""
+        """Return stall and late samples since the last call, in words."""
         pacer = self._pacer
         if pacer is None:
             return "", ""

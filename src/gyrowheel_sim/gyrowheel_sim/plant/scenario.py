@@ -26,7 +26,7 @@ from gyrowheel_sim.effects.user_defined import check_name
 
 
 class KeyFile(BaseModel):
-    """A key file: what is hidden in a machine; a campaign adds further entries for people."""
+    """A key file: the hidden values and effects of a machine; a campaign adds entries for readers."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -47,7 +47,7 @@ class ScenarioFile(Section):
 
 @dataclass(frozen=True)
 class Scenario:
-    """The true parameters and effects of a simulated machine, and the seed of its noise.
+    """True parameters and effects of a simulated machine, and the seed of its noise.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Scenario:
     declared : dict of str to Effect
         Declarations of the effects that are not registered.
     machine : str
-        Name of the machine, of which nothing can be read; empty for one that `identity` makes.
+        Name of the machine, which reveals nothing about it; empty for the name that `identity` makes.
     """
 
     values: Mapping[str, float] = field(default_factory=dict)
@@ -70,9 +70,9 @@ class Scenario:
     machine: str = ""
 
     def identity(self, bench: Bench) -> str:
-        """Return the name of the machine in its recordings: the same for every run of it, another for another machine.
+        """Return the name of the machine in its recordings, the same for every run of it.
 
-        Four digits of a digest: they tell two machines apart, and are too few to hold what one is.
+        Four digits of a digest: they distinguish two machines, and are too few to reveal one.
         """
         if self.machine:
             return self.machine

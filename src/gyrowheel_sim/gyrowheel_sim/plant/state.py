@@ -16,7 +16,7 @@ from gyrowheel_sim.instruments.readings import N_MEMORY, Drift
 
 
 class State(Column):
-    """Places of the state of the machine itself."""
+    """Indices into the state of the machine itself."""
 
     n_x = 0, "1", "spin axis: component along case x"
     n_y = 1, "1", "spin axis: component along case y"
@@ -37,7 +37,7 @@ class State(Column):
 
 
 class Surroundings(Column):
-    """Places of the array of what the operator has set, and of directions in case axes."""
+    """Indices into the array of the operator's settings, and of directions in case axes."""
 
     up = 0, "1", "component along case z of the unit vector that points up"
     up_x = 1, "1", "its component along case x"
@@ -51,7 +51,7 @@ class Surroundings(Column):
     table_rate = 9, "rad/s", "rate to which the table is set"
 
 
-#: Where the drifts begin in the state, and where what is held from the last sample begins.
+#: First indices of the blocks of the state: drifts, outputs held from the last sample, memory of the instruments.
 DRIFT_START = len(State)
 HELD_START = DRIFT_START + len(Drift)
 MEMORY_START = HELD_START + len(HELD_OUTPUTS)

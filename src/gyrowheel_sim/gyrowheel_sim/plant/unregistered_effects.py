@@ -1,6 +1,6 @@
-"""Effects for blind tests that no registered declaration describes: what an analysis must call unknown.
+"""Unregistered effects for blind tests, which an analysis must report as unknown.
 
-They are known to the simulation alone. Nothing that looks for effects reads this module.
+Only the simulation knows them; no search for effects reads this module.
 """
 
 from __future__ import annotations

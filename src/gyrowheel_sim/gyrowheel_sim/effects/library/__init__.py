@@ -1,6 +1,6 @@
-"""The effects that come with the project.
+"""The library of effects.
 
-Every `Effect` that a module of this folder defines belongs to it: a new effect needs its declaration and nothing else.
+It contains every `Effect` that a module of this folder defines: a new effect needs only its declaration.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ import pkgutil
 
 from gyrowheel_sim.effects.declaration import Effect
 
-#: Effects whose order is fixed: it is the order in which they are shown, and a seed of a blind test draws by it. Others
-#: follow by module, as they are declared.
+#: Effects in fixed order, in which they are shown and a seed of a blind test draws. The others follow by module.
 _FIRST = (
     "aero_restoring",
     "aero_cross",

@@ -1,4 +1,4 @@
-"""What several declarations share: similarity, usual sources, the tests that separate look-alikes."""
+"""Common parts of declarations: similarity, usual sources, tests that separate look-alikes."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Instruments that are not as the bench file states them.
 
-A law adds to the bench parameter of its instrument (`gyrowheel_sim.effects.targets.INSTRUMENT_PARAMETERS`); what such
-a parameter does to the readings is told once, in `gyrowheel_sim.instruments`.
+A law adds to the bench parameter of its instrument (`gyrowheel_sim.effects.targets.INSTRUMENT_PARAMETERS`);
+`gyrowheel_sim.instruments` applies these parameters to the readings.
 """
 
 from __future__ import annotations
