@@ -31,7 +31,7 @@ from gyrowheel.show.layout import plain_text
 from gyrowheel.show.quantities import minus, quantity, span
 from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.signature import Signature, signature
-from gyrowheel_control.plans.adaptation import skeleton
+from gyrowheel_control.plans.adaptation import plan_template
 from gyrowheel_control.plans.format import Block, PlanFile
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.schema import Section, keys
@@ -384,7 +384,7 @@ def _plan_tables() -> dict[str, list[str]]:
         "plan keys": _keys(PlanFile),
         "segment keys": _keys(Block),
     }
-    for name, text in (("plan check", skeleton(bench, "mine")), ("plan mistakes", _MISTAKES)):
+    for name, text in (("plan check", plan_template(bench, "mine")), ("plan mistakes", _MISTAKES)):
         shown = plain_text(check_page(check_text(text, "mine.yaml", bench)))
         tables[name] = ["```", *shown.splitlines(), "```"]
     tables["plan mistakes"] = ["```yaml", *_MISTAKES.splitlines(), "```", "", *tables["plan mistakes"]]

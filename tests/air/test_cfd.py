@@ -114,7 +114,7 @@ def test_a_run_gives_torque_and_provenance(tmp_path: Path, player: Player):
     assert finished(tmp_path / "study" / result.case.name, tiny(iterations=50)) is None
 
 
-def test_case_files_say_what_was_asked(tmp_path: Path, player: Player):
+def test_case_files_contain_the_request(tmp_path: Path, player: Player):
     case = tiny(3.0, 2000.0, model="sst", start_iterations=0)
     run_case(case, tmp_path)
     folder = tmp_path / case.name
@@ -180,7 +180,7 @@ def test_a_run_goes_on_no_longer_than_until_it_has_settled(tmp_path: Path, playe
     assert player.calls == [result.case.name] * 3
 
 
-def test_what_has_not_settled_goes_on_later(tmp_path: Path, player: Player):
+def test_unsettled_case_continues_in_a_later_call(tmp_path: Path, player: Player):
     at_once = run_case(tiny(settle=75), tmp_path / "one")
     study = tmp_path / "two"
     begun = run_case(tiny(), study)
@@ -222,7 +222,7 @@ def test_another_window_is_another_average_of_the_same_iterations(tmp_path: Path
     assert run_case(tiny(), tmp_path).torque.mean == pytest.approx(first.torque.mean)
 
 
-def test_what_a_kill_left_does_not_get_into_the_average(tmp_path: Path, player: Player):
+def test_remains_of_a_killed_run_are_not_averaged(tmp_path: Path, player: Player):
     case = tiny(settle=75)
     expected = run_case(case, tmp_path / "one")
     run_case(tiny(), tmp_path / "two")
@@ -239,7 +239,7 @@ def test_what_a_kill_left_does_not_get_into_the_average(tmp_path: Path, player: 
     assert sorted(p.name for p in folder.iterdir() if p.name.isdigit()) == ["0", "75"]
 
 
-def test_without_its_fields_a_case_begins_anew(tmp_path: Path, player: Player):
+def test_a_case_without_its_fields_starts_again(tmp_path: Path, player: Player):
     run_case(tiny(), tmp_path)
     shutil.rmtree(tmp_path / tiny().name / "40")
     result = run_case(tiny(settle=60), tmp_path)
@@ -276,11 +276,11 @@ def test_a_solver_that_fails_says_why(tmp_path: Path, player: Player):
         ("", 3, "exit status 3"),
     ],
 )
-def test_a_solver_that_ends_without_a_word_is_explained(text: str, code: int, why: str):
+def test_a_solver_that_ends_silently_is_explained(text: str, code: int, why: str):
     assert openfoam.reason(text, code) == why
 
 
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path, player: Player):
+def test_a_foreign_folder_is_not_touched(tmp_path: Path, player: Player):
     (tmp_path / tiny().name).mkdir()
     (tmp_path / tiny().name / "thesis.tex").write_text("years of work")
     with pytest.raises(InputError, match="is no case"):

@@ -37,7 +37,7 @@ names = pytest.mark.parametrize("model", ALL, ids=lambda model: model.name)
 
 
 @names
-def test_models_have_one_face(model: AirModel):
+def test_models_have_a_common_interface(model: AirModel):
     assert isinstance(model, AirModel)
     found = model.torque(GEOMETRY, AIR, (3 * DEG, 0.0), 3500 * RPM)
     assert found.components.shape == found.uncertainty.shape == found.case.shape == (3,)
@@ -47,7 +47,7 @@ def test_models_have_one_face(model: AirModel):
 
 
 @names
-def test_without_tilt_symmetry_leaves_the_drag_alone(model: AirModel):
+def test_without_tilt_only_drag_remains(model: AirModel):
     found = model.torque(GEOMETRY, AIR, (0.0, 0.0), 3500 * RPM)
     assert found.case[:2] == pytest.approx(0.0, abs=1e-12)
     assert found.case[2] < 0.0
@@ -130,7 +130,7 @@ def test_table_follows_similarity_in_other_air(density: float, rpm: float):
     assert found.components == pytest.approx(expected, rel=0.01)
 
 
-def test_table_is_less_sure_beyond_its_reynolds_numbers():
+def test_table_uncertainty_grows_beyond_its_reynolds_numbers():
     model = Table(
         made_up(beside=[row(5 * DEG, 3500 * RPM, 1.1 * power_laws(5 * DEG, 3500 * RPM), mesh="coarse")])
     )
@@ -161,7 +161,9 @@ def test_table_holds_for_a_rotor_of_the_same_proportions(size: float):
         (3.0, 3500.0, GEOMETRY.with_value("case_radius", 0.0585), ["rim gap", "5 mm", "4 mm", "cfd sweep"]),
     ],
 )
-def test_table_refuses_what_it_has_not_seen(tilt: float, rpm: float, geometry: Geometry, words: list[str]):
+def test_table_refuses_conditions_outside_its_range(
+    tilt: float, rpm: float, geometry: Geometry, words: list[str]
+):
     with pytest.raises(InputError) as refused:
         Table(MADE_UP).torque(geometry, AIR, (tilt * DEG, 0.0), rpm * RPM)
     assert all(word in str(refused.value) for word in words)
@@ -327,7 +329,7 @@ def test_findings_of_the_published_rotor_do_not_bind_another():
     assert any(item.holds is True and "pressure's share" in item.what for item in checks)
 
 
-def test_the_check_list_sees_what_is_wrong():
+def test_the_check_list_detects_wrong_tables():
     def wrong(tilt: float, speed: float) -> np.ndarray:
         laws = power_laws(tilt, speed) * (speed / SPEEDS[3]) ** 0.5
         return laws * [1, 1 if tilt < 4 * DEG else -1e-3, 1 + 2 * tilt]

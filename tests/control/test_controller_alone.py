@@ -15,7 +15,7 @@ from gyrowheel_sim.instruments.readings import Reading
 
 @pytest.mark.parametrize("spin_loop", ["pi", "pll"])
 @pytest.mark.parametrize("name", Bench.shipped())
-def test_both_give_the_same_commands_to_the_bit(name: str, spin_loop: str) -> None:
+def test_controller_alone_and_in_the_loop_give_identical_commands(name: str, spin_loop: str) -> None:
     bench = replace(Bench.load(name), spin_loop=spin_loop)  # type: ignore[arg-type]
     draw = np.random.default_rng(1)
     samples = np.zeros((2000, len(Reading)))

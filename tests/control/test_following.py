@@ -48,7 +48,7 @@ def first_loss(watch: Tracking, samples: Sequence[tuple[float, float, tuple[floa
     return None
 
 
-def test_a_wheel_that_does_not_follow_is_told_with_what_was_asked_and_what_there_is() -> None:
+def test_lost_tracking_reports_setpoint_and_reading() -> None:
     watch = tracking()
     assert first_loss(watch, [(3.0 * DEG, 3500.0 * RPM, STILL)] * 500) == pytest.approx(3.01)
     assert watch.lost == (
@@ -59,7 +59,7 @@ def test_a_wheel_that_does_not_follow_is_told_with_what_was_asked_and_what_there
     assert first_loss(tracking(), [(2.4 * DEG, 1000.0 * RPM, STILL)] * 500) == pytest.approx(3.01)
 
 
-def test_a_wheel_on_its_way_is_not_lost() -> None:
+def test_a_moving_wheel_is_not_lost() -> None:
     # a small error, for ever
     assert first_loss(tracking(), [(2.6 * DEG, 1000.0 * RPM + 19.0, STILL)] * 2000) is None
     # a step that takes half a minute

@@ -1,4 +1,4 @@
-"""Plan files of one's own: all mistakes at once, a skeleton, a schema for editors; shipped plans on any bench."""
+"""User plan files: all problems at once, a template, a schema for editors; shipped plans on any bench."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from gyrowheel_control.plans import demands
-from gyrowheel_control.plans.adaptation import adapted, plan_for, skeleton
+from gyrowheel_control.plans.adaptation import adapted, plan_for, plan_template
 from gyrowheel_control.plans.format import Block, PlanFile, json_schema
 from gyrowheel_control.plans.inspection import inspect
 from gyrowheel_control.plans.plan import Plan
@@ -78,7 +78,7 @@ def check_fitting(name: str, bench: Bench) -> None:
         assert all(text in plan.description for text in plan.fitting)
 
 
-def test_what_was_changed_is_said_with_numbers() -> None:
+def test_changes_of_an_adapted_plan_are_listed_with_numbers() -> None:
     heavy = plan_for("quick", OTHERS["twice the inertia"])
     assert [s.spin for s in heavy.segments] == [s.spin for s in Plan.load("quick").segments]
     said = "; ".join(heavy.fitting)
@@ -115,7 +115,7 @@ def test_a_name_stands_for_the_plan_of_the_bench() -> None:
         ),
     ],
 )
-def test_what_no_rate_can_mend_is_refused(bench: Bench, plan: str, said: str) -> None:
+def test_plans_that_no_lower_rate_makes_possible_are_refused(bench: Bench, plan: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         plan_for(plan, bench)
     assert said in str(caught.value)
@@ -126,8 +126,8 @@ def test_what_no_rate_can_mend_is_refused(bench: Bench, plan: str, said: str) ->
 
 
 @pytest.mark.parametrize("bench", [DEFAULT, DTG, *OTHERS.values()], ids=["default", "dtg", *OTHERS])
-def test_the_skeleton_runs_and_so_does_what_is_commented_out(bench: Bench) -> None:
-    text = skeleton(bench, "1. My plan")
+def test_the_plan_template_runs_including_its_commented_blocks(bench: Bench) -> None:
+    text = plan_template(bench, "1. My plan")
     plan, wrong = inspect(text, "FILE", bench)
     assert wrong == []
     assert plan is not None
@@ -155,7 +155,7 @@ segments:
 """
 
 
-def test_all_mistakes_come_at_once_each_with_its_line() -> None:
+def test_all_problems_are_listed_with_their_lines() -> None:
     plan, wrong = inspect(MISTAKES, "FILE", DEFAULT)
     assert plan is None
     assert [(item.line, item.place) for item in wrong] == [
@@ -190,7 +190,7 @@ def test_all_mistakes_come_at_once_each_with_its_line() -> None:
         ("tilt_deg: [6, 0]", "tilt_deg", "allowed: up to 5.00 deg$"),
     ],
 )
-def test_what_is_beyond_the_bench_is_told_once_with_what_would_do(block: str, place: str, said: str) -> None:
+def test_each_excess_is_listed_once_with_the_possible_value(block: str, place: str, said: str) -> None:
     text = f"schema: 1\nname: own\nsegments:\n  - {{spin_rpm: 3500, {block}}}\n"
     plan, (wrong,) = inspect(text, "FILE", DEFAULT)
     assert plan is not None
@@ -211,7 +211,7 @@ def test_what_concerns_the_whole_is_told_where_it_shows() -> None:
 # --- the format ----------------------------------------------------------------------------------------------
 
 
-def test_every_key_says_what_it_is() -> None:
+def test_every_key_has_a_description() -> None:
     for section in (PlanFile, Block):
         for key in keys(section):
             assert key.about
@@ -220,7 +220,7 @@ def test_every_key_says_what_it_is() -> None:
             assert key.unit == unit, key.name
 
 
-def test_the_schema_takes_what_is_shipped_and_refuses_what_the_program_refuses() -> None:
+def test_the_schema_accepts_and_refuses_the_same_plans_as_the_program() -> None:
     jsonschema = pytest.importorskip("jsonschema")
     schema = json_schema()
     jsonschema.Draft7Validator.check_schema(schema)
@@ -231,7 +231,7 @@ def test_the_schema_takes_what_is_shipped_and_refuses_what_the_program_refuses()
 
     for name in Plan.shipped():
         validator.validate(content(Plan.load(name).to_yaml()))
-    validator.validate(content(skeleton(DEFAULT, "mine")))
+    validator.validate(content(plan_template(DEFAULT, "mine")))
     found = {".".join(map(str, e.absolute_path)) for e in validator.iter_errors(content(MISTAKES))}
     assert {"name", "", "segments.0", "segments.3.rig", "segments.3.hold_s", "segments.3.cone_turns"} <= found
     hold = schema["definitions"]["Block"]["properties"]["hold_s"]

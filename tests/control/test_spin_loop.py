@@ -66,7 +66,7 @@ def test_the_phase_is_kept_over_all_turns() -> None:
         assert turned == pytest.approx(asked[1] - asked[0], abs=0.1)
 
 
-def test_nothing_of_2n_gets_through() -> None:
+def test_2n_does_not_pass_the_spin_loop() -> None:
     """At 5 deg the shaft ripples at 2N; the voltages of both loops show no more of it than of their neighbourhood."""
     plan = Plan.load(
         "schema: 1\nname: h\nhold_s: 4\nsegments:\n  - {spin_rpm: 3500, tilt_deg: [[0, 0], [5, 0]]}\n"

@@ -51,7 +51,7 @@ def test_every_hold_takes_as_long_as_asked_for_and_a_sweep_as_long_as_before() -
         assert b.hold == (a.hold if a.spin_end != a.spin else 4.0)
 
 
-def test_a_variation_is_a_plan_of_its_own_that_can_be_written_down(tmp_path: Path) -> None:
+def test_a_variation_is_a_plan_with_its_own_yaml(tmp_path: Path) -> None:
     plan = Plan.load("check@rig=inverted,spin_ratio=0.8")
     assert plan.name == "check_rig_inverted_spin_ratio_0_8"
     assert plan.called == "check@rig=inverted,spin_ratio=0.8"
@@ -80,7 +80,7 @@ def test_a_variation_is_a_plan_of_its_own_that_can_be_written_down(tmp_path: Pat
         ("chek@rig=inverted", "plan 'chek': no such shipped plan or file; did you mean"),
     ],
 )
-def test_what_cannot_be_varied_is_told_in_one_line(name: str, said: str) -> None:
+def test_invalid_variations_are_refused_in_one_line(name: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         Plan.load(name)
     assert said in str(caught.value)

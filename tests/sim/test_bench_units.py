@@ -77,7 +77,7 @@ def test_a_unit_of_another_kind_is_refused(name: str, unit: str, tmp_path: Path)
     )
 
 
-def test_what_is_no_unit_is_refused_with_the_one_that_is_needed() -> None:
+def test_invalid_unit_is_refused_naming_the_required_one() -> None:
     with pytest.raises(
         InputError,
         match=r"^own.yaml: parameters.tilt_limit.unit: 'xyzzy' is no unit .*; allowed: units such as rad$",

@@ -36,7 +36,7 @@ def test_a_shipped_bench_is_found_by_its_name(name):
     assert Bench.load(name).name == name
 
 
-def test_who_changes_a_bench_changes_no_other():
+def test_changing_a_bench_does_not_change_another():
     parameters = Bench.load().parameters
     assert isinstance(parameters, dict)
     parameters.clear()
@@ -140,7 +140,7 @@ def measures(bench: Bench) -> dict[str, float]:
 
 @OTHERS
 @pytest.mark.parametrize("effect", registry().values(), ids=lambda effect: effect.name)
-def test_an_effect_is_as_large_beside_the_flexures_as_on_the_default_bench(effect, bench):
+def test_effects_scale_with_the_flexure_torque_of_a_bench(effect, bench):
     own, default = measures(bench), measures(DEFAULT)
     sized = for_bench(effect, bench)
     assert replace(sized, coefficients=effect.coefficients) == effect
@@ -159,7 +159,7 @@ def test_on_the_default_bench_nothing_changes():
     assert torque_scale(DTG) == pytest.approx(0.0882, abs=1e-4)
 
 
-def test_what_is_drawn_or_taken_as_usual_is_so_on_the_bench():
+def test_drawn_and_default_coefficients_are_scaled_to_the_bench():
     effect = registry()["windage"]
     low, high = for_bench(effect, DTG).coefficients[0].usual
     assert high < 0.2 * effect.coefficients[0].usual[0]
@@ -176,6 +176,6 @@ def test_what_is_drawn_or_taken_as_usual_is_so_on_the_bench():
                 assert least * (1 - 1e-9) <= abs(value) <= most * (1 + 1e-9)
 
 
-def test_a_users_own_effect_keeps_the_sizes_that_the_user_gave():
+def test_user_defined_effect_keeps_its_stated_sizes():
     own: Effect = effect_from_text("own: torque = -k*z; k = 0.02 [N*m/rad]")
     assert get("own", declared={"own": own}, bench=DTG) is own

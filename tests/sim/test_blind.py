@@ -25,7 +25,7 @@ from gyrowheel_sim.blind import reuse_or_draw
         ('{"values": {"rotor_inertia_z": "a"}, "effects": {}}', ["values", "rotor_inertia_z"]),
     ],
 )
-def test_what_is_no_key_file_is_refused(tmp_path: Path, text: str, words: list[str]):
+def test_invalid_key_file_is_refused(tmp_path: Path, text: str, words: list[str]):
     key = tmp_path / "key.json"
     key.write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as caught:

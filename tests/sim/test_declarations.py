@@ -71,7 +71,7 @@ def test_a_declaration_is_written_and_read_back(effect: Effect) -> None:
     assert effect_from_mapping(name, effect_to_mapping(effect)) == effect
 
 
-def test_what_shapes_a_law_is_told_from_its_size() -> None:
+def test_shape_coefficients_are_distinguished_from_amplitudes() -> None:
     text = "own: shaft_torque = -A*exp(-((r - p)/w)^2); w = 0.1 +- 0.02 [1]; p = 0.6 ± 0.05 [1]; A [N*m]"
     effect = effect_from_text(text)
     assert [c.name for c in effect.amplitudes] == ["A"]
@@ -172,7 +172,7 @@ def test_a_bad_declaration_is_refused_with_the_field(changes: dict[str, Any], me
 
 
 @pytest.mark.parametrize("name", ["", "a b", "1a", "a\nb", "x" * 50, "stiffness_error", 5])
-def test_names_that_no_effect_can_have(name: Any) -> None:
+def test_reserved_effect_names_are_refused(name: Any) -> None:
     with pytest.raises(InputError):
         effect_from_mapping(name, declaration())
 

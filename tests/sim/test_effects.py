@@ -79,7 +79,7 @@ def test_coefficients_are_sane(effect):
             assert c.shape_uncertainty > 0.0
 
 
-def test_the_earth_turns_no_faster_than_it_does():
+def test_earth_rate_is_bounded_by_its_true_rate():
     earth = registry()["earth_rate"]
     assert earth.greatest is not None
     per_hour = math.degrees(1.0) * 3600.0
@@ -88,7 +88,7 @@ def test_the_earth_turns_no_faster_than_it_does():
 
 
 @EACH
-def test_what_only_brakes_or_resists_cannot_drive(effect):
+def test_dissipative_coefficients_cannot_be_negative(effect):
     for c in effect.amplitudes:
         if not c.signed:
             assert c.physical[0] == 0.0

@@ -77,7 +77,7 @@ def attempt(text: str) -> sp.Expr | str:
         ("(Ω/Ω₀)ⁿ⁻¹", (Omega / Omega_ref) ** (sp.Symbol("n", real=True) - 1)),
     ],
 )
-def test_what_a_formula_means(text: str, expression: sp.Expr) -> None:
+def test_formula_values(text: str, expression: sp.Expr) -> None:
     assert parse(text, NAMES) == expression
 
 
@@ -131,7 +131,7 @@ def test_what_a_formula_means(text: str, expression: sp.Expr) -> None:
         ("-(" * 300 + "k" + ")" * 300, 2 * MAX_DEPTH + 1, "nested too deeply"),
     ],
 )
-def test_what_is_refused_and_where(text: str, column: int, what: str) -> None:
+def test_invalid_formula_is_refused_with_its_column(text: str, column: int, what: str) -> None:
     message = refusal(text)
     assert message.startswith(f"column {column}: ")
     assert what in message
@@ -143,7 +143,7 @@ def test_a_long_formula_is_refused_at_once(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "  \n", None, 5, ["z"], {"z": 1}])
-def test_what_is_no_formula_is_refused(text: Any) -> None:
+def test_text_that_is_no_formula_is_refused(text: Any) -> None:
     assert "the formula is empty" in refusal(text) or "a text is expected" in refusal(text)
 
 
@@ -228,7 +228,7 @@ formulas = st.recursive(st.sampled_from([*NAMES, *_QUANTITIES, *_NUMBERS]), _lon
 @pytest.mark.slow
 @given(formulas)
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_what_is_printed_is_read_back(text: str) -> None:
+def test_printed_formulas_are_read_back(text: str) -> None:
     expression = attempt(text)
     if isinstance(expression, str):
         return  # complex where it must be real, or not finite

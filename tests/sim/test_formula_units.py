@@ -18,7 +18,7 @@ from .every_effect import EACH
 
 
 @EACH
-def test_every_law_has_the_unit_of_what_it_acts_on(effect: Effect) -> None:
+def test_every_law_has_the_unit_of_its_target(effect: Effect) -> None:
     check_effect(effect)
     # and the check can fail: with another unit of its first coefficient no law that has it passes
     first = effect.coefficients[0]

@@ -169,7 +169,7 @@ def test_hum_is_a_sine_of_the_mains() -> None:
 PLAN = Plan.load("schema: 1\nname: hold\nhold_s: 0.5\nsegments:\n  - {spin_rpm: 2000, tilt_deg: [[1, 0]]}\n")
 
 
-def test_a_bench_file_that_says_nothing_of_instruments_has_perfect_ones() -> None:
+def test_instruments_default_to_perfect() -> None:
     """And its machine gives, to the last bit, what one gives of which they are stated as perfect."""
     parameters = {n: p for n, p in BENCH.parameters.items() if n not in INSTRUMENTS}
     entries = "\n".join(
@@ -213,7 +213,7 @@ def test_a_clock_that_is_not_perfect_shows_in_the_stamps_alone() -> None:
         ("mains_frequency", 0.0, "> 0"),
     ],
 )
-def test_what_no_instrument_is_is_refused(name: str, value: float, allowed: str) -> None:
+def test_impossible_instrument_parameters_are_refused(name: str, value: float, allowed: str) -> None:
     with pytest.raises(InputError, match=rf"overrides.{name}: {value:g} is out of range; allowed: {allowed}"):
         BENCH.with_values({name: value})
 

@@ -40,7 +40,7 @@ def _run(cache: Path) -> tuple[str, int]:
 
 
 @pytest.mark.slow
-def test_damaged_code_is_compiled_anew(tmp_path: Path) -> None:
+def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
     """Machine code comes from the cache once it is there; damaged, exchanged or missing, it is compiled anew."""
     folder = tmp_path / "cache"
     fresh, hits = _run(folder)

@@ -35,7 +35,7 @@ def test_columns_are_the_fields_of_the_message(layout: type[columns.Column], mes
 @pytest.mark.parametrize(
     "layout", [State, Surroundings, Drift, Reading, ControllerState], ids=lambda c: c.__name__
 )
-def test_every_place_says_what_it_is(layout: type[columns.Column]) -> None:
+def test_every_index_has_unit_and_description(layout: type[columns.Column]) -> None:
     assert columns.names(layout) == tuple(layout.__members__)
     for place in layout:
         assert place.unit
@@ -49,7 +49,7 @@ def test_drifts_have_sizes_in_the_bench() -> None:
     assert set(DRIFT_SIZES.values()) <= set(BENCH.values())
 
 
-def test_places_that_leave_a_gap_are_refused() -> None:
+def test_indices_with_a_gap_are_refused() -> None:
     class Gap(columns.Column):
         first = 0, "1", "first"
         third = 2, "1", "third"

@@ -30,7 +30,7 @@ def values(effect: Effect) -> dict[str, complex]:
 
 
 @pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)
-def test_what_is_written_in_one_line_is_read_back(effect: Effect) -> None:
+def test_one_line_declarations_are_read_back(effect: Effect) -> None:
     line = effect_to_line(effect)
     assert "\n" not in line
     again = typed_effect(line, name="again")
@@ -40,7 +40,7 @@ def test_what_is_written_in_one_line_is_read_back(effect: Effect) -> None:
 
 
 @pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)
-def test_what_people_are_shown_can_be_typed(effect: Effect) -> None:
+def test_displayed_formulas_can_be_typed(effect: Effect) -> None:
     """Laws as the terminal prints them; units follow, only shapes must have their values."""
     shapes = "".join(f"; {c.name} = {c.shape} ± {c.shape_uncertainty}" for c in effect.shapes)
     again = typed_effect(plain(pretty(effect.formula)) + shapes, name="again")
@@ -107,7 +107,7 @@ def test_names_and_targets() -> None:
         ("k*z/0", "division by '0'"),
     ],
 )
-def test_what_is_wrong_is_named_at_its_place(text: str, message: str) -> None:
+def test_errors_name_their_place(text: str, message: str) -> None:
     with pytest.raises(InputError) as caught:
         typed_effect(text, name="own", where="--formula")
     assert message in str(caught.value)

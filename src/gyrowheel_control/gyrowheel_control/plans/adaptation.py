@@ -375,7 +375,7 @@ segments:
 """
 
 
-def skeleton(bench: Bench, name: str) -> str:
+def plan_template(bench: Bench, name: str) -> str:
     """Return the text of a plan file for a bench.
 
     Parameters
