@@ -39,14 +39,10 @@ def get_model(name: str, table: TorqueTable | None = None) -> AirModel:
     InputError
         If the name is unknown.
     """
-    if name == "correlation":
-        from gyrowheel_air.correlations import Correlation
+    if name in ("correlation", "vorticity"):
+        from gyrowheel_air.correlations import Correlation, Vorticity
 
-        return Correlation()
-    if name == "vorticity":
-        from gyrowheel_air.correlations import Vorticity
-
-        return Vorticity()
+        return Correlation() if name == "correlation" else Vorticity()
     if name not in MODELS:
         raise InputError(f"air model: {name!r} is not known; allowed: {', '.join(MODELS)}")
     from gyrowheel_air.surrogate import fit_table

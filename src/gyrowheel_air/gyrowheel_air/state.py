@@ -72,11 +72,6 @@ class AirState:
         return AirState(self.temperature, self.pressure * density / self.density, density, self.viscosity)
 
     @property
-    def kinematic_viscosity(self) -> float:
-        """Viscosity over density [m^2/s]."""
-        return self.viscosity / self.density
-
-    @property
     def speed_of_sound(self) -> float:
         """Speed of sound [m/s]."""
         return math.sqrt(HEAT_RATIO * GAS_CONSTANT * self.temperature)

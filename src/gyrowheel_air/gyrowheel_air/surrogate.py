@@ -21,7 +21,7 @@ from gyrowheel_air import get_model
 from gyrowheel_air.geometry import Geometry
 from gyrowheel_air.state import AirState
 from gyrowheel_air.table import Table, TorqueTable
-from gyrowheel_air.torque import AirModel, AirTorque, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import AirModel, AirTorque, check_range, check_speed, split_tilt, tilt_axes
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
@@ -132,17 +132,7 @@ class Surrogate:
         return found
 
     def _check(self, geometry: Geometry, angle: float, spin_rate: float) -> None:
-        if angle > self.tilt_limit * (1.0 + 1e-9):
-            raise InputError(
-                f"tilt: {angle / DEG:.4g} deg is out of the range of the surrogate; "
-                f"allowed: 0 .. {self.tilt_limit / DEG:.4g} deg"
-            )
-        low, high = self.speeds
-        if not low * (1.0 - 1e-9) <= spin_rate <= high * (1.0 + 1e-9):
-            raise InputError(
-                f"speed: {spin_rate / RPM:.6g} rpm is out of the range of the surrogate; "
-                f"allowed: {low / RPM:.6g} .. {high / RPM:.6g} rpm"
-            )
+        check_range(angle, spin_rate, self.tilt_limit, self.speeds, "surrogate")
         for name, value in geometry.to_dict().items():
             if not math.isclose(value, self.lengths[name], rel_tol=1e-6):
                 raise InputError(

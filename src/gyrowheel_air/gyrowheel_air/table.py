@@ -19,7 +19,7 @@ from scipy.interpolate import RegularGridInterpolator
 from gyrowheel_air.cfd.case import Case, Result
 from gyrowheel_air.geometry import LENGTHS, Geometry
 from gyrowheel_air.state import AirState, reynolds_number
-from gyrowheel_air.torque import AirTorque, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import AirTorque, check_range, check_speed, split_tilt, tilt_axes
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.units import DEG, RPM
@@ -296,17 +296,8 @@ class Table:
         )
 
     def _check(self, geometry: Geometry, angle: float, spin_rate: float) -> None:
-        tilts, speeds = self.table.tilts, self.table.speeds
-        if angle > tilts[-1] * (1.0 + 1e-9):
-            raise InputError(
-                f"tilt: {angle / DEG:.4g} deg is out of the range of the torque table; "
-                f"allowed: 0 .. {tilts[-1] / DEG:.4g} deg"
-            )
-        if not speeds[0] * (1.0 - 1e-9) <= spin_rate <= speeds[-1] * (1.0 + 1e-9):
-            raise InputError(
-                f"speed: {spin_rate / RPM:.6g} rpm is out of the range of the torque table; "
-                f"allowed: {speeds[0] / RPM:.6g} .. {speeds[-1] / RPM:.6g} rpm"
-            )
+        speeds = self.table.speeds
+        check_range(angle, spin_rate, self.table.tilts[-1], (speeds[0], speeds[-1]), "torque table")
         theirs = self.table.lengths
         ours = geometry.to_dict()
         size = ours["rotor_radius"] / theirs["rotor_radius"]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gyrowheel_air.geometry import Geometry
 from gyrowheel_air.state import AirState
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 
 Array = NDArray[np.float64]
 
@@ -112,6 +113,28 @@ def split_tilt(tilt: ArrayLike) -> tuple[float, float]:
         raise InputError(f"tilt: {tilt!r} is not two angles phi_x, phi_y below 90 deg")
     z = complex(math.tan(values[0]), math.tan(values[1]))
     return math.atan(abs(z)), math.atan2(z.imag, z.real)
+
+
+def check_range(
+    tilt: float, spin_rate: float, tilt_limit: float, speeds: tuple[float, float], source: str
+) -> None:
+    """Refuse a tilt [rad] or a spin rate [rad/s] outside the range of a table or a fit, named by `source`.
+
+    Raises
+    ------
+    InputError
+        With the value and the allowed range.
+    """
+    if tilt > tilt_limit * (1.0 + 1e-9):
+        raise InputError(
+            f"tilt: {tilt / DEG:.4g} deg is out of the range of the {source}; allowed: 0 .. {tilt_limit / DEG:.4g} deg"
+        )
+    low, high = speeds
+    if not low * (1.0 - 1e-9) <= spin_rate <= high * (1.0 + 1e-9):
+        raise InputError(
+            f"speed: {spin_rate / RPM:.6g} rpm is out of the range of the {source}; "
+            f"allowed: {low / RPM:.6g} .. {high / RPM:.6g} rpm"
+        )
 
 
 def check_speed(spin_rate: float) -> None:

@@ -25,10 +25,10 @@ Yaw = Annotated[Number, Field(ge=-360.0, le=360.0)]
 AirDensityRatio = Annotated[Number, Field(ge=0.0, le=2.0)]
 Preheat = Annotated[Number, Field(ge=0.0, le=60.0)]
 TableRate = Annotated[Number, Field(ge=-50.0, le=50.0)]
-#: Home axes (two horizontal ones and the vertical) by the case axes that lie along them, without yaw: the columns
-#: of the turn from case axes to home axes.
 #: Largest time [s]: stamps count nanoseconds in 63 bits.
 _LATEST = 9.2e9
+#: Home axes (two horizontal ones and the vertical) by the case axes that lie along them, without yaw: the columns
+#: of the rotation from case axes to home axes.
 _TURNS = {
     "upright": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     "inverted": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),

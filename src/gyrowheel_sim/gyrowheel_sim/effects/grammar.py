@@ -138,10 +138,15 @@ def error_at(where: str, place: int, message: str) -> InputError:
     return InputError(f"{where}: column {place + 1}: {message}")
 
 
-def shortened(text: str) -> str:
-    """Return a text in one line, as messages repeat it."""
-    text = "".join(c if c.isprintable() else " " for c in " ".join(text.split()))
-    return text if len(text) <= SHOWN else f"{text[: SHOWN - 3]}..."
+def one_line(text: str) -> str:
+    """Return a text as one line of printable characters."""
+    return "".join(c if c.isprintable() else " " for c in " ".join(text.split()))
+
+
+def shortened(text: str, longest: int = SHOWN) -> str:
+    """Return a text in one line of limited length, for messages."""
+    text = one_line(text)
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from gyrowheel_sim.effects.complex_parts import ComplexArgumentError, is_real
 from gyrowheel_sim.effects.declaration import Category, Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import Formula, read, to_text
-from gyrowheel_sim.effects.grammar import NAME, RESERVED
+from gyrowheel_sim.effects.grammar import NAME, RESERVED, one_line, shortened
 from gyrowheel_sim.effects.quantities import theta, theta_rate
 from gyrowheel_sim.effects.targets import TARGETS
 
@@ -42,7 +42,7 @@ _LARGEST = 1e100
 def _line(raw: Any) -> str:
     if not isinstance(raw, str) or len(raw) > _LONGEST_TEXT:
         refuse(f"{shown(raw)} is not a text of up to {_LONGEST_TEXT} characters")
-    return "".join(c if c.isprintable() else " " for c in " ".join(raw.split()))
+    return one_line(raw)
 
 
 def _unit(raw: Any) -> str:
@@ -256,7 +256,8 @@ def check_name(name: str, where: str, taken: Mapping[str, object] | None = None)
     """
     if not isinstance(name, str) or NAME.fullmatch(name) is None:
         raise InputError(
-            f"{where}: {_one_line(repr(name))} is not a name for an effect; allowed: letters, digits and _, at most 40"
+            f"{where}: {shortened(repr(name), 60)} is not a name for an effect; "
+            "allowed: letters, digits and _, at most 40"
         )
     if name.endswith("_error"):
         raise InputError(f"{where}: names that end in _error are reserved for errors of bench parameters")
@@ -303,7 +304,7 @@ def _check_target(formula: Formula, target: str) -> None:
     try:
         real = is_real(expression)
     except ComplexArgumentError as error:
-        part = _one_line(to_text(error.argument))
+        part = shortened(to_text(error.argument), 60)
         raise formula.error(node, f"'{part}' is complex where a real number is needed") from None
     if not TARGETS[target].complex and not real:
         raise formula.error(node, f"{target} is real, but the formula is complex: use abs, re or im")
@@ -485,8 +486,3 @@ def _values(effect: Effect, instant: Mapping[str, Any], coefficients: Mapping[st
 
 def _rounded(value: float, digits: int = 12) -> float:
     return float(f"{value:.{digits}g}")
-
-
-def _one_line(raw: object, longest: int = 60) -> str:
-    text = "".join(c if c.isprintable() else " " for c in " ".join(str(raw).split()))
-    return text if len(text) <= longest else f"{text[: longest - 3]}..."

@@ -1,4 +1,5 @@
-"""The instruments of the bench: what they read, with which noise and drift; one sample of all of them is a row.
+"""The instruments of the bench: readings, noise, drift, delays and filters; one sample of all of them is a row.
 
-`readings` names the readings, `kernel` computes them from the true state as part of the compiled plant.
+`readings` has the layout of the arrays, `kernel` computes the readings as part of the compiled plant, `response` their
+frequency response.
 """

@@ -1,6 +1,6 @@
 """The simulated machine.
 
-`machine` holds it (parameters, state, noise) and steps it; `kernel` is its compiled step, `state` the layout of its
-arrays, `compose` puts the compiled module together; `scenario` describes the true machine; `guard` and `pacing`
-serve `node`, the ROS node.
+`machine` contains it (parameters, state, noise) and advances it by samples; `kernel` is its compiled step, `state`
+the layout of its arrays, `compiled` the source of the compiled module; `scenario` describes the true machine;
+`protection` and `real_time` serve `node`, the ROS node.
 """

@@ -505,9 +505,8 @@ class PlantNode(BenchNode):
                 name=topics.JOINTS,
                 position=values[:3],
                 velocity=(*self._tilt_rates, values[3]),
-                effort=[
-                    k * reading for k, reading in zip(self._constants, self._driven(values), strict=True)
-                ],
+                # coil voltages [V] and motor current [A], times their constants
+                effort=[k * values[place] for k, place in zip(self._constants, (4, 5, 7), strict=True)],
             )
             message.header.stamp = Time(nanoseconds=self.epoch + now).to_msg()
             self._joints.publish(message)
@@ -517,12 +516,6 @@ class PlantNode(BenchNode):
         self._clock_told = now
         if self._clock_publisher is not None:
             self._clock_publisher.publish(wire.CLOCK.pack(now))
-
-    @staticmethod
-    def _driven(values: list[float]) -> tuple[float, float, float]:
-        """Return the drive of the joints: voltages of the coils [V] and current of the motor [A]."""
-        _, _, _, _, coil_x, coil_y, _, current, *_ = values
-        return coil_x, coil_y, current
 
     def _on_environment(self, message: String) -> None:
         try:
