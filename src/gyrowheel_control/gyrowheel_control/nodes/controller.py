@@ -142,7 +142,7 @@ class ControllerNode(BenchNode):
         self._guard.limit = self._limit(self.parameter("tilt_limit"))
         self._controller.tune(self._gains())
 
-    def diagnose(self) -> Diagnosis:
+    def diagnose(self) -> NodeStatus:
         """Return counts, and the actions of the limits since the last diagnosis."""
         guard = self._guard
         values = {
