@@ -29,7 +29,7 @@ from gyrowheel.show.figure import png_bytes
 from gyrowheel.show.formulas import in_words, pretty
 from gyrowheel.show.layout import plain_text
 from gyrowheel.show.quantities import minus, quantity, span
-from gyrowheel_analysis.fitting.terms import ERRORS
+from gyrowheel_analysis.fitting.fit import ERRORS
 from gyrowheel_analysis.signature import Signature, signature
 from gyrowheel_control.plans.adaptation import plan_template
 from gyrowheel_control.plans.format import Block, PlanFile

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan

@@ -50,7 +50,7 @@ def test_the_air_of_the_table_is_fitted_within_its_uncertainties_and_proven(tmp_
         add_effect(added.model, ["aero:vorticity"], [fit])
 
 
-def test_what_a_model_of_the_air_cannot_be(tmp_path: Path) -> None:
+def test_invalid_models_of_the_air_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="effect: 'windage' is given twice: aero:table has it"):
         add_effect(Model.new(), ["aero:table", "windage"], [])
     with pytest.raises(InputError, match="'tabel'"):

@@ -12,7 +12,7 @@ from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.criteria import MODEL_ABSOLUTE
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.unknowns import NUISANCE_GROUPS
-from gyrowheel_analysis.reduction import reduce
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 
@@ -43,9 +43,7 @@ def drawn(rng: np.random.Generator) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_moving_a_bench_parameter_the_quick_way_gives_the_same_rows(
-    name: str | None, balance: Balance
-) -> None:
+def test_the_fast_update_of_a_bench_parameter_gives_the_same_rows(name: str | None, balance: Balance) -> None:
     rng = np.random.default_rng(3)
     effects = [] if name is None else [ActiveEffect(registry()[name], registry()[name].defaults())]
     values = drawn(rng)
@@ -67,14 +65,14 @@ def test_moving_a_bench_parameter_the_quick_way_gives_the_same_rows(
     assert quick >= 10
 
 
-def test_what_changes_the_motion_is_not_done_the_quick_way(balance: Balance) -> None:
+def test_parameters_of_the_motion_have_no_fast_update(balance: Balance) -> None:
     values = BENCH.values()
     at = balance.instants(values, [])
     for name in ("rotor_inertia_z", "gimbal_inertia_x", "motor_constant", "tilt_scale", "tilt_bias_x"):
         assert balance.moved(at, values, {**values, name: 1.01 * values[name] + 1.0e-6}, []) is None
 
 
-def test_a_small_step_of_what_changes_the_motion_is_right_to_first_order(balance: Balance) -> None:
+def test_a_small_step_of_a_motion_parameter_is_right_to_first_order(balance: Balance) -> None:
     values = drawn(np.random.default_rng(4))
     at, groups, slow = balance.instants(values, []), BENCH.groups(), 0
     rows = balance.rows_at(at, values)
@@ -91,7 +89,7 @@ def test_a_small_step_of_what_changes_the_motion_is_right_to_first_order(balance
     assert slow >= 5
 
 
-def test_what_was_asked_before_does_not_matter(balance: Balance) -> None:
+def test_results_do_not_depend_on_earlier_calls(balance: Balance) -> None:
     rng = np.random.default_rng(5)
     values = drawn(rng)
     rows = balance.predicted(values, [])
@@ -103,7 +101,7 @@ def test_what_was_asked_before_does_not_matter(balance: Balance) -> None:
     assert np.abs(other.predicted(values, []) - rows).max() < 1.0e-8
 
 
-def test_heat_of_the_motor_is_not_done_the_quick_way_where_an_effect_knows_it(balance: Balance) -> None:
+def test_motor_heating_has_no_fast_update_with_an_effect_of_temperature(balance: Balance) -> None:
     values = BENCH.values()
     after = {**values, "winding_heat_capacity": 1.1 * values["winding_heat_capacity"]}
     effect = registry()["winding_heating"]
@@ -112,7 +110,7 @@ def test_heat_of_the_motor_is_not_done_the_quick_way_where_an_effect_knows_it(ba
     assert balance.moved(balance.instants(values, []), values, after, []) is not None
 
 
-def test_a_motion_no_clearer_than_noise_needs_what_the_machine_at_hand_needs(tmp_path: Path) -> None:
+def test_a_motion_below_the_noise_needs_the_torque_of_this_machine(tmp_path: Path) -> None:
     """A rotor a quarter off resists a motion twice a revolution twice as much as the one that is stated."""
     machine = hidden_machine(8, {})
     changed = {**machine.values, "rotor_inertia_z": 0.75 * machine.values["rotor_inertia_z"]}

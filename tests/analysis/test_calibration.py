@@ -76,7 +76,9 @@ def test_wrong_constants_are_found_within_their_errors(count: int, tmp_path: Pat
         assert np.all(rms > 0.3), apart  # errors that are far too generous are wrong, too
 
 
-def test_the_ruler_is_what_limits_the_coils(calibrated: tuple[Scenario, list[Recording], Calibration]):
+def test_the_tilt_scale_limits_the_constant_of_the_coils(
+    calibrated: tuple[Scenario, list[Recording], Calibration],
+):
     _, _, found = calibrated
     coil = found.constants["coil_constant"]
     assert coil.limited_by in ("rotor_inertia_z", "tilt_scale")
@@ -84,7 +86,7 @@ def test_the_ruler_is_what_limits_the_coils(calibrated: tuple[Scenario, list[Rec
     assert 0.001 < coil.after.standard_error / coil.after.value < 0.006
 
 
-def test_what_the_recordings_cannot_tell_is_left_alone(
+def test_undetermined_constants_are_not_changed(
     calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
 ):
     machine, (_, sweep), _ = calibrated
@@ -130,7 +132,7 @@ def test_the_model_takes_the_constants_and_gives_them_back(
 
 
 @pytest.mark.study  # the constants and the model that takes them are tested above
-def test_a_calibrated_model_has_no_wrong_constants_any_more(
+def test_a_calibrated_model_has_no_wrong_constants(
     calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
 ):
     machine, _, found = calibrated

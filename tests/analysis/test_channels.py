@@ -9,8 +9,8 @@ from gyrowheel_analysis import channels
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import ALL_ROWS, AVERAGE_ROWS, CHANNELS, DRIFTS, LISTED, TORQUES, Channel
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_analysis.residuals.patterns import pattern
+from gyrowheel_analysis.reduction.segmentation import planned_windows
+from gyrowheel_analysis.residuals.growth import pattern
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
 

@@ -83,7 +83,7 @@ def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path)
 @pytest.mark.parametrize(
     "seed", [700, 701, *(pytest.param(seed, marks=pytest.mark.study) for seed in range(702, 710))]
 )
-def test_nothing_hidden_is_nothing_missing(seed: int, tmp_path: Path) -> None:
+def test_without_a_hidden_effect_nothing_is_missing(seed: int, tmp_path: Path) -> None:
     machine = hidden_machine(seed=seed, effects={})
     found = diagnose([record(tmp_path, "fit", machine, "quick")], Model.new())
     assert found.verdict == "nothing_missing", verdict_sentence(found)
@@ -94,7 +94,7 @@ def test_nothing_hidden_is_nothing_missing(seed: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", [NOT_SHOWN[0], *(pytest.param(name, marks=pytest.mark.study) for name in NOT_SHOWN[1:])]
 )
-def test_what_the_plan_cannot_show_is_called_so(name: str, tmp_path: Path) -> None:
+def test_an_effect_that_the_plan_cannot_show_is_reported_as_hidden(name: str, tmp_path: Path) -> None:
     usual = registry()[name].defaults()
     found = diagnose([record(tmp_path, "fit", hidden_machine(4, {name: usual}), "quick")], Model.new())
     assert found.verdict == "nothing_missing"
@@ -102,7 +102,7 @@ def test_what_the_plan_cannot_show_is_called_so(name: str, tmp_path: Path) -> No
     assert all(limits[key] > abs(value) for key, value in usual.items())
 
 
-def test_the_earth_is_told_from_a_fixed_torque_by_yawing_the_rig(tmp_path: Path) -> None:
+def test_yawing_the_rig_separates_the_earth_from_a_fixed_torque(tmp_path: Path) -> None:
     truth = {"earth_rate": {"E_x": 4.0e-5, "E_y": 4.0e-5}}
     found = diagnose([record(tmp_path, "yaw", hidden_machine(5, truth), "yaw")], Model.new())
     assert named(found) == {"earth_rate"}
@@ -118,7 +118,7 @@ def test_two_hidden_effects_are_both_found(tmp_path: Path) -> None:
     assert named(found) == set(truth)
 
 
-def test_an_effect_below_the_detection_limit_is_called_so(tmp_path: Path) -> None:
+def test_an_effect_below_the_detection_limit_is_reported_as_such(tmp_path: Path) -> None:
     truth = {"gravity_offset": {"G": 0.003}}
     found = diagnose([record(tmp_path, "fit", hidden_machine(4, truth), "quick")], Model.new())
     assert found.verdict == "nothing_missing"
@@ -144,9 +144,7 @@ def test_the_next_test_settles_what_the_first_could_not_show(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     "name", [pytest.param("aero_restoring", marks=pytest.mark.study), "gimbal_inertia_error"]
 )
-def test_a_wrong_gimbal_inertia_is_told_from_the_air_by_its_torque_twice_a_revolution(
-    name: str, tmp_path: Path
-) -> None:
+def test_the_torque_twice_a_revolution_separates_gimbal_inertia_from_air(name: str, tmp_path: Path) -> None:
     """In the averages both are a torque against the tilt that grows as the square of the speed."""
     if name == "aero_restoring":
         machine = hidden_machine(5, {"aero_restoring": {"k": 0.12, "n": 2.0}})
@@ -190,7 +188,7 @@ def with_gimbal_inertia(machine: Scenario, factor: float) -> Scenario:
     return replace(machine, values={**machine.values, **{n: BENCH.value(n) * factor for n in names}})
 
 
-def test_a_wrong_bench_parameter_is_a_finding_of_its_own_name(tmp_path: Path) -> None:
+def test_a_wrong_bench_parameter_is_a_separate_finding(tmp_path: Path) -> None:
     machine = hidden_machine(6, {})
     values = {**machine.values, "coil_constant": 0.02 * 1.2}
     wrong = type(machine)(values, {}, 6)
@@ -232,7 +230,7 @@ def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectVa
 
 
 @pytest.mark.study
-def test_the_controller_does_not_enter(tmp_path: Path) -> None:
+def test_the_diagnosis_does_not_depend_on_the_controller(tmp_path: Path) -> None:
     truth = {"aero_cross": {"c": 0.0053, "n": 1.98}}
     gains = Gains(spin_proportional=12.7, spin_integral=21.0, tilt_bandwidth=9.0)
     found = diagnose([record(tmp_path, "fit", hidden_machine(9, truth), "quick", gains=gains)], Model.new())
@@ -247,7 +245,7 @@ def test_without_setpoints_the_steady_motion_is_found(tmp_path: Path) -> None:
     assert named(found) == {"aero_cross"}
 
 
-def test_too_little_data_is_said(tmp_path: Path) -> None:
+def test_too_little_data_is_reported(tmp_path: Path) -> None:
     text = (
         "schema: 1\nname: short\nsegments:\n  - {spin_rpm: 3000, tilt_deg: [[0, 0], [2, 0]], hold_s: 1.2}\n"
     )
@@ -256,7 +254,7 @@ def test_too_little_data_is_said(tmp_path: Path) -> None:
     json.dumps(diagnosis_json(found))
 
 
-def test_compare_says_where_and_on_what(tmp_path: Path) -> None:
+def test_compare_reports_regions_and_variables(tmp_path: Path) -> None:
     machine = hidden_machine(12, {"aero_cross": {"c": 0.008, "n": 1.98}})
     result = compare([record(tmp_path, "fit", machine, "quick")], Model.new())
     assert region_name(result.where[0]).startswith("tilt, 3500 rpm")
@@ -303,7 +301,7 @@ def test_a_recording_carries_no_truth(tmp_path: Path) -> None:
         assert b"noise_seed" not in content
 
 
-def test_adding_twice_fits_anew_and_an_unknown_effect_is_refused(tmp_path: Path) -> None:
+def test_adding_twice_fits_again_and_an_unknown_effect_is_refused(tmp_path: Path) -> None:
     machine = hidden_machine(15, {"windage": {"w": 0.001, "n": 1.48}})
     fit = record(tmp_path, "fit", machine, "quick")
     added = add_effect(Model.new(), ["windage"], [fit])

@@ -17,7 +17,9 @@ from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.drag.estimate import DragEstimator, Estimate
 from gyrowheel_analysis.drag.stream import BLOCK, DragStream, drag_estimates
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import Samples, Windows, reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.loops.closed_loop import Run, simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import wire
@@ -80,7 +82,7 @@ def test_a_long_hold_is_estimated_as_a_whole(run: Run) -> None:
     np.testing.assert_allclose(last.simulated_torque, expected, atol=2e-6)
 
 
-def test_settled_holds_alone_are_estimated_as_among_all(run: Run) -> None:
+def test_settled_holds_have_the_same_estimates_alone_as_among_all(run: Run) -> None:
     late = run.setpoints[-1:].copy()
     late["stamp_ns"] += 3_600_000_000_000  # begins after the last sample
     longer = replace(run, setpoints=np.concatenate([run.setpoints, late]))
@@ -154,7 +156,7 @@ def test_the_environment_is_that_of_the_topic(run: Run) -> None:
     assert simulated(home, later) - upright == pytest.approx([0.0, 0.0, weight[2]], abs=1e-5)
 
 
-def test_an_environment_that_is_none_is_counted() -> None:
+def test_a_malformed_environment_is_counted() -> None:
     stream = DragStream(Model.new())
     for raw in (b"", wire.pack_text("upright"), wire.pack_text('[{"rig": "sideways"}]')):
         stream.take_environment(raw)
@@ -187,7 +189,7 @@ def test_estimates_do_not_depend_on_how_the_topics_interleave(run: Run) -> None:
     assert told(one) == told(other)
 
 
-def test_a_run_that_begins_again_ends_the_one_before(run: Run) -> None:
+def test_a_restarted_run_ends_the_previous_one(run: Run) -> None:
     samples, setpoints = serialized(run, 2.0)
     again, alone = DragStream(Model.new()), DragStream(Model.new())
     for stream in (again, alone):
@@ -217,7 +219,7 @@ def test_missing_and_malformed_messages_are_counted(run: Run) -> None:
     assert stream.samples % BLOCK == 0
 
 
-def test_what_is_kept_does_not_grow_with_the_run(run: Run) -> None:
+def test_memory_does_not_grow_with_the_run(run: Run) -> None:
     """The same holds again and again, and a hold that lasts: as many objects as at first, and arrays as long."""
     samples, setpoints = serialized(run, 4.6)
     stream = DragStream(Model.new())

@@ -115,7 +115,7 @@ def test_the_torque_is_that_of_the_machine_within_three_standard_errors(machines
 
 
 @MACHINES
-def test_the_rig_is_predicted_as_it_stands(machines: int) -> None:
+def test_the_attitude_of_the_rig_enters_the_prediction(machines: int) -> None:
     scores, blind, sizes = [], [], []
     for number in range(machines):
         machine = hidden_machine(number, ROOM)
@@ -144,7 +144,7 @@ def tilted_run() -> Run:
     return run_of(Scenario(effects=AIR, noise_seed=5), plan)
 
 
-def test_standard_errors_hold_every_stated_uncertainty() -> None:
+def test_standard_errors_include_every_stated_uncertainty() -> None:
     (tilted,) = holds(tilted_run(), Model(BENCH))
     tilt, rate = np.tan(tilted.tilt_x), tilted.spin_rate
 

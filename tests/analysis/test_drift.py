@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from gyrowheel_analysis.fitting.drift import DriftCovariance, MarginalCost
+from gyrowheel_analysis.fitting.variance import DriftCovariance, MarginalCost
 
 Array = NDArray[np.float64]
 

@@ -155,7 +155,7 @@ def test_event_of_a_short_recording_is_dated(quick, at):
     ],
     ids=("across", "spin", "shift"),
 )
-def test_what_begins_on_the_machine_itself_is_found(tmp_path, sizes, channels, within):
+def test_an_effect_that_begins_during_the_recording_is_found(tmp_path, sizes, channels, within):
     recording = record(tmp_path, "pushed", pushed(33, 84.0, **sizes), "survey")
     (found,) = found_in(recording)
     assert [event.quantity for event in found.events] == channels
@@ -163,7 +163,7 @@ def test_what_begins_on_the_machine_itself_is_found(tmp_path, sizes, channels, w
 
 
 @pytest.mark.slow
-def test_two_events_are_told_with_their_sizes_and_nothing_else(survey):
+def test_two_events_are_reported_with_their_sizes_and_nothing_else(survey):
     once = changed(survey, "coil_voltage_x", step(50.0), VOLTS)
     result = diagnose([changed(once, "coil_voltage_y", step(140.0), -VOLTS)], MODEL)
     assert result.verdict == "nothing_missing"
@@ -182,7 +182,7 @@ def test_two_events_are_told_with_their_sizes_and_nothing_else(survey):
 
 
 @pytest.mark.study
-def test_effect_beside_an_event_has_the_coefficient_that_it_has_without(tmp_path):
+def test_effect_with_an_event_has_the_same_coefficient_as_without(tmp_path):
     machine = hidden_machine(34, {"aero_cross": {"c": 5.0e-3, "n": 2.0}})
     plain = record(tmp_path, "plain", machine, "survey")
     (alone,) = diagnose([plain], MODEL).effects
@@ -214,7 +214,7 @@ def test_drift_of_any_size_is_no_event(tmp_path, seed, scale):
 
 
 @pytest.mark.study
-def test_form_that_nobody_declared_is_no_event(tmp_path):
+def test_undeclared_form_is_no_event(tmp_path):
     # a contact, a torque of three lobes, a bump at one speed
     recording = record(tmp_path, "outside", blind.draw(BENCH, 7, kinds=("outside",)), "quick")
     result = diagnose([recording], MODEL)
@@ -230,14 +230,14 @@ def shape_in(recording, column, course):
     return found
 
 
-def test_drift_that_swings_is_told_with_its_period(survey):
+def test_drift_that_swings_is_reported_with_its_period(survey):
     swing = 0.6 * VOLTS * np.cos(2.0 * np.pi * (survey.time - 12.0) / 47.0)
     found = shape_in(survey, "coil_voltage_y", swing)
     assert (found.event.kind, [e.quantity for e in found.events]) == ("swing", ["torque_y"])
     assert found.event.end == pytest.approx(47.0, rel=0.03)
 
 
-def test_drift_that_follows_a_temperature_is_told_so(survey):
+def test_drift_that_follows_a_temperature_is_reported_as_such(survey):
     # the coils warm themselves, and a fan cools them twice
     measurement, time = survey.measurement.copy(), survey.time
     cooled = np.exp(-(((time - 50.0) / 12.0) ** 2)) + np.exp(-(((time - 120.0) / 12.0) ** 2))
@@ -247,7 +247,7 @@ def test_drift_that_follows_a_temperature_is_told_so(survey):
     assert (found.event.kind, found.event.quantity) == ("coil_temperature", "motor_voltage")
 
 
-def test_torque_that_relaxes_after_every_move_of_the_tilt_is_told_so(survey):
+def test_torque_that_relaxes_after_every_move_of_the_tilt_is_reported_as_such(survey):
     # a branch of the flexure that yields: it holds against a move, and lets go within ten seconds
     tilt, rate = survey.measurement["tilt_x"] + 1j * survey.measurement["tilt_y"], 5e-4 / 10.0
     behind = lfilter([rate], [1.0, rate - 1.0], tilt)
@@ -259,7 +259,7 @@ def test_torque_that_relaxes_after_every_move_of_the_tilt_is_told_so(survey):
 
 
 @pytest.mark.slow
-def test_verdict_tells_the_shape_of_a_drift_and_not_its_size(survey):
+def test_verdict_has_the_shape_of_a_drift_and_not_its_size(survey):
     swing = 0.6 * VOLTS * np.cos(2.0 * np.pi * (survey.time - 12.0) / 47.0)
     measurement = survey.measurement.copy()
     measurement["coil_voltage_x"] += swing

@@ -9,7 +9,7 @@ import pytest
 
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.fitting.terms import candidate_terms
+from gyrowheel_analysis.fitting.fit import candidate_terms
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
@@ -33,7 +33,7 @@ def model() -> Model:
     return replace(Model.new(), stated_bench=replace(BENCH, parameters={**BENCH.parameters, **exact}))
 
 
-def test_they_are_no_candidates(recording: Recording, model: Model) -> None:
+def test_errors_of_exact_parameters_are_no_candidates(recording: Recording, model: Model) -> None:
     found = diagnose([recording], model)
     assert [effect.name for effect in found.effects] == ["aero_cross"]
     candidates = {term.name for term in candidate_terms(model.reference_bench)}
@@ -43,7 +43,7 @@ def test_they_are_no_candidates(recording: Recording, model: Model) -> None:
     }
 
 
-def test_their_error_cannot_be_added(recording: Recording, model: Model) -> None:
+def test_errors_of_exact_parameters_cannot_be_added(recording: Recording, model: Model) -> None:
     with pytest.raises(InputError, match=r"coil_gain_error: the bench states coil_constant as exact"):
         add_effect(model, ["coil_gain_error"], [recording])
     with pytest.raises(InputError, match=r"states flexure_stiffness_x as exact"):

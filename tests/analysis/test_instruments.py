@@ -113,7 +113,7 @@ def test_nothing_physical_is_invented_for_a_filter_of_another_shape(
     nothing_invented(diagnose([read], Model.new()), channel)
 
 
-def test_voltages_read_after_the_latch_are_an_instrument_and_no_inductance(plain: Recording) -> None:
+def test_voltages_read_after_the_latch_are_no_inductance(plain: Recording) -> None:
     found = diagnose([changed(plain, (*COILS, "motor_voltage"), lambda v: np.roll(v, -1))], Model.new())
     nothing_invented(found, "coil_voltage")
     (delay,) = found.instruments
@@ -121,7 +121,7 @@ def test_voltages_read_after_the_latch_are_an_instrument_and_no_inductance(plain
     assert abs(delay.value + BENCH.sample_period) < 4.0 * delay.standard_error
 
 
-def test_an_effect_is_named_beside_an_instrument(tmp_path: Path) -> None:
+def test_an_effect_and_an_instrument_are_both_found(tmp_path: Path) -> None:
     truth = {"aero_cross": physical()["aero_cross"].defaults(), "tilt_delay": {"d": -2.5e-4}}
     found = diagnose([record(tmp_path, "fit", hidden_machine(72, truth), "quick")], Model.new())
     assert set(found.ties) == set(truth), verdict_sentence(found)

@@ -43,14 +43,16 @@ def model_with(c: float, error: float = 8.0e-5) -> Model:
     )
 
 
-def test_of_the_right_size_nothing_is_missing(recordings: dict[str, Recording]) -> None:
+def test_an_effect_of_the_right_size_leaves_nothing_missing(recordings: dict[str, Recording]) -> None:
     found = diagnose([recordings["with"]], model_with(TRUTH["c"]))
     assert found.verdict == "nothing_missing"
     assert not found.effects
 
 
 @pytest.mark.parametrize("error", [8.0e-5, 0.0])
-def test_of_a_wrong_size_it_is_named_and_no_other(recordings: dict[str, Recording], error: float) -> None:
+def test_an_effect_of_a_wrong_size_is_the_only_finding(
+    recordings: dict[str, Recording], error: float
+) -> None:
     found = diagnose([recordings["with"]], model_with(0.003, error))
     assert found.verdict == "effect"
     assert verdict_sentence(found) == "The size of aero_cross in the model disagrees with these recordings."
@@ -65,7 +67,7 @@ def test_of_a_wrong_size_it_is_named_and_no_other(recordings: dict[str, Recordin
     assert found.error.after.chi2_per_n < 1.2 < found.error.before.chi2_per_n
 
 
-def test_what_the_machine_does_not_have_is_found_to_be_none(recordings: dict[str, Recording]) -> None:
+def test_an_effect_that_the_machine_lacks_is_fitted_as_zero(recordings: dict[str, Recording]) -> None:
     found = diagnose([recordings["without"]], model_with(TRUTH["c"]))
     assert found.verdict == "effect"
     (effect,) = found.effects
@@ -73,7 +75,7 @@ def test_what_the_machine_does_not_have_is_found_to_be_none(recordings: dict[str
     assert abs(effect.coefficients["c"].value) < 3.0 * effect.coefficients["c"].standard_error
 
 
-def test_it_is_fitted_anew(recordings: dict[str, Recording]) -> None:
+def test_an_effect_of_the_model_is_fitted_again(recordings: dict[str, Recording]) -> None:
     added = add_effect(model_with(0.003), ["aero_cross"], [recordings["with"]], [recordings["unused"]])
     assert added.model.history[-1]["what"] == "fit anew aero_cross"
     error = added.model.effect_errors["aero_cross"]["c"]
@@ -84,7 +86,7 @@ def test_it_is_fitted_anew(recordings: dict[str, Recording]) -> None:
     assert diagnose([recordings["unused"]], added.model).verdict == "nothing_missing"
 
 
-def test_a_size_that_another_effect_bends_is_remarked(recordings: dict[str, Recording]) -> None:
+def test_a_size_biased_by_another_effect_gives_a_warning(recordings: dict[str, Recording]) -> None:
     added = add_effect(model_with(0.003), ["windage"], [recordings["with"]])
     assert ("moved", "aero_cross", "c") in [(d.kind, d.effect, d.coefficient) for d in added.doubts]
     assert "aero_cross c of the model moved by" in " ".join(map(doubt_sentence, added.doubts))

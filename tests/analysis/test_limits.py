@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.diagnosis.limits import is_possible
-from gyrowheel_analysis.fitting.fit import Fit
-from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_sim.effects import registry
 
 

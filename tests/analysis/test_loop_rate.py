@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gyrowheel_analysis.reduction import Samples
-from gyrowheel_analysis.reduction.loop_rate import loop_period, unseen_noise
+from gyrowheel_analysis.reduction.samples import Samples, loop_period, unseen_noise
 from gyrowheel_core.readings import READINGS, Readings
 
 from .machines import BENCH
@@ -49,7 +48,9 @@ def recorded(period: float, *, every: int = 1, logger: float = 0.0) -> tuple[Sam
         (1.0 / 1200.0, {}, 1.0 / 1200.0),
     ],
 )
-def test_the_samples_tell_the_rate_of_the_loop(loop: float, how: dict[str, float], found: float) -> None:
+def test_the_rate_of_the_loop_follows_from_the_samples(
+    loop: float, how: dict[str, float], found: float
+) -> None:
     samples, period = recorded(loop, **how)  # type: ignore[arg-type]
     assert loop_period(samples, period, BENCH) == pytest.approx(found, rel=0.01)
 

@@ -18,16 +18,11 @@ from gyrowheel_analysis.drag.estimate import DragEstimator
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
-from gyrowheel_analysis.reduction import (
-    NEEDED,
-    Coverage,
-    Samples,
-    Windows,
-    reading_noise,
-    reduce,
-    reduce_and_account,
-)
-from gyrowheel_analysis.reduction.quality import SLOW
+from gyrowheel_analysis.reduction.coverage import Coverage
+from gyrowheel_analysis.reduction.quality import NEEDED, SLOW, reading_noise
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce, reduce_and_account
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings
@@ -117,7 +112,7 @@ def test_scattered_missing_readings_hardly_move_a_window(
     assert np.abs(found.air_pressure - windows.air_pressure).max() < 2.0
 
 
-def test_the_noise_is_that_of_the_readings_that_there_are(samples: Samples) -> None:
+def test_the_noise_is_that_of_the_present_readings(samples: Samples) -> None:
     rng = np.random.default_rng(5)
     readings = samples.readings.copy()
     readings.tilt_x[rng.random(len(readings)) < 0.003] = np.nan
@@ -140,7 +135,7 @@ def test_a_stretch_without_readings_is_left_out_and_accounted_for(samples: Sampl
     assert coverage.recorded == whole.recorded
 
 
-def test_what_is_missing_within_a_window_does_not_count_as_used(samples: Samples, windows: Windows) -> None:
+def test_a_gap_within_a_window_does_not_count_as_used(samples: Samples, windows: Windows) -> None:
     own = windows.select(np.flatnonzero(windows.duration > 0.9)[2:3])
     end = float(own.start[0] + own.duration[0])
     turn = 2.0 * np.pi / float(own.mean_spin[0])  # what follows the last whole revolution counts as well
@@ -154,7 +149,7 @@ def test_what_is_missing_within_a_window_does_not_count_as_used(samples: Samples
         assert coverage.used == pytest.approx(whole.used - coverage.left_out[UNREAD])
 
 
-def test_samples_that_are_lost_are_not_taken_for_unread_ones(samples: Samples) -> None:
+def test_lost_samples_are_not_missing_readings(samples: Samples) -> None:
     thin = some(samples, np.arange(0, len(samples.time), 4))
     thin.readings.tilt_x[5] = np.nan
     _, coverage = reduce_and_account(thin, BENCH)
@@ -162,7 +157,7 @@ def test_samples_that_are_lost_are_not_taken_for_unread_ones(samples: Samples) -
     assert coverage.left_out["with too few samples or revolutions"] > 0.0
 
 
-def test_nothing_is_left_where_hardly_anything_was_read(samples: Samples) -> None:
+def test_a_recording_with_hardly_any_readings_has_no_windows(samples: Samples) -> None:
     readings = samples.readings.copy()
     readings.motor_current[10:] = np.nan
     nothing = Readings(np.full_like(readings.array, np.nan))
@@ -173,7 +168,7 @@ def test_nothing_is_left_where_hardly_anything_was_read(samples: Samples) -> Non
             assert coverage.used == 0.0
 
 
-def test_what_is_found_is_the_same_with_a_reading_missing(recording: Recording) -> None:
+def test_the_finding_is_the_same_with_a_reading_missing(recording: Recording) -> None:
     """The whole way, by both verbs; a missing reading once ended it with a traceback."""
     hurt = without(without(recording, "tilt_x", 20000), "motor_current", 30000)
     before, after = (compare([r], Model.new()) for r in (recording, hurt))
@@ -195,7 +190,7 @@ COMPARES = {
 
 
 @pytest.mark.parametrize("name", NEEDED)
-def test_what_can_be_compared_without_a_reading_is_compared(recording: Recording, name: str) -> None:
+def test_channels_that_need_no_missing_reading_are_compared(recording: Recording, name: str) -> None:
     hurt = without(recording, name)
     with pytest.raises(InputError, match=rf"^{recording.path}: {name}: no reading is a number; [^\n]+$"):
         rates([hurt], Model.new())
@@ -211,7 +206,7 @@ def test_what_can_be_compared_without_a_reading_is_compared(recording: Recording
         assert metrics.chi2_per_n < 2.0, channel
 
 
-def test_what_the_analysis_can_do_without_is_assumed_and_said(recording: Recording, windows: Windows) -> None:
+def test_dispensable_readings_are_assumed_and_reported(recording: Recording, windows: Windows) -> None:
     hurt = recording
     for name in SLOW:
         hurt = without(hurt, name)
@@ -230,7 +225,7 @@ def test_what_the_analysis_can_do_without_is_assumed_and_said(recording: Recordi
     assert both.assumed == coverage.assumed
 
 
-def test_the_pressure_that_was_set_stands_for_the_one_that_was_not_measured(tmp_path: Path) -> None:
+def test_the_commanded_pressure_replaces_one_that_was_not_measured(tmp_path: Path) -> None:
     thin = record(tmp_path, "run", hidden_machine(3, {}), Plan.load(THIN))
     measured = reduce(samples_of(thin), BENCH).air_pressure
     taken = reduce(samples_of(without(thin, "air_pressure")), BENCH).air_pressure
@@ -246,7 +241,7 @@ def test_with_all_readings_nothing_is_copied_or_warned_of(samples: Samples, wind
     assert coverage.assumed == ()
 
 
-def test_the_drag_estimate_forgets_a_sample_with_a_reading_missing(recording: Recording) -> None:
+def test_the_drag_estimate_skips_a_sample_with_a_reading_missing(recording: Recording) -> None:
     def estimates(readings: Readings) -> list[Any]:
         estimator = DragEstimator(Model.new())
         for row in recording.setpoint:

@@ -73,7 +73,7 @@ def refusal(folder: Path, raw: Any) -> str:
 # --- reading and writing -----------------------------------------------------------------------------------------
 
 
-def test_what_a_model_file_means(tmp_path: Path) -> None:
+def test_the_content_of_a_model_file(tmp_path: Path) -> None:
     model = Model.load(written(tmp_path, content()))
     assert model.effects == {"windage": {"w": 0.001, "n": 1.5}, "stator_pull": {"k": 0.02}}
     assert model.effect_errors == {"windage": {"w": 1e-5, "n": 0.0}, "stator_pull": {"k": 0.001}}
@@ -133,7 +133,7 @@ def test_a_model_that_is_saved_elsewhere_has_the_same_bench(
     assert Model.load(written(tmp_path / "one", content())).stated_bench.name == "gyrowheel"
 
 
-def test_a_bench_file_is_found_beside_the_model(tmp_path: Path) -> None:
+def test_a_bench_file_is_found_next_to_the_model(tmp_path: Path) -> None:
     from importlib import resources
 
     text = resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text()
@@ -208,7 +208,7 @@ def test_a_bad_model_file_is_refused_with_the_field(raw: Any, message: str, tmp_
     assert message in refusal(tmp_path, raw)
 
 
-def test_a_file_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         Model.load(tmp_path / "none.yaml")
     with pytest.raises(InputError, match="cannot be read"):
@@ -315,7 +315,7 @@ def test_a_hundred_changes_are_read_again(tmp_path: Path) -> None:
     }
 
 
-def test_a_model_that_nothing_would_read_again_is_not_written(tmp_path: Path) -> None:
+def test_a_model_too_long_to_be_read_is_not_written(tmp_path: Path) -> None:
     model = Model.load(written(tmp_path, content()))
     before = (tmp_path / "model.yaml").read_text()
     with pytest.raises(InputError, match=r"the model would have 1\d{6} characters; allowed: up to 1000000"):
@@ -332,13 +332,13 @@ def test_a_model_that_nothing_would_read_again_is_not_written(tmp_path: Path) ->
         {"back": {}, "order": 7},
     ],
 )
-def test_what_a_change_cannot_have_kept_is_refused(undo: Any, tmp_path: Path) -> None:
+def test_an_invalid_undo_entry_is_refused(undo: Any, tmp_path: Path) -> None:
     model = Model.load(written(tmp_path, content(history=[{"what": "add", "undo": undo}])))
     with pytest.raises(InputError):
         model.undone()
 
 
-def test_a_change_without_what_it_was_before_cannot_be_undone(tmp_path: Path) -> None:
+def test_a_change_without_an_undo_entry_cannot_be_undone(tmp_path: Path) -> None:
     model = Model.load(written(tmp_path, content(history=[{"what": "by hand"}])))
     with pytest.raises(InputError, match=r"history\.0\.undo: missing"):
         model.undone()
@@ -364,7 +364,7 @@ def test_differences_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.study  # tests/gyrowheel/test_front_door.py does the same
-def test_an_effect_of_ones_own_is_added_fitted_and_used(own: Effect, tmp_path: Path) -> None:
+def test_a_user_defined_effect_is_added_fitted_and_used(own: Effect, tmp_path: Path) -> None:
     truth = {"stator_pull": {"k": 0.025}}
     drawn = hidden_machine(21, {})
     machine = Scenario(drawn.values, truth, 21, {"stator_pull": own})
@@ -417,7 +417,7 @@ def test_an_effect_that_takes_a_name_in_use_is_refused(tmp_path: Path) -> None:
         add_effect(Model.new(), [own, own], [fit])
 
 
-def test_a_proposal_goes_into_the_model_as_it_is(tmp_path: Path) -> None:
+def test_a_proposal_is_added_to_the_model_unchanged(tmp_path: Path) -> None:
     machine = hidden_machine(8, {"three_lobed": {"A": 0.003}})
     fit = record(tmp_path, "fit", machine, "quick")
     unused = record(tmp_path, "unused", machine, "check", noise_seed=9000)

@@ -51,12 +51,12 @@ def test_another_bench_is_refused(recording: Recording, verb: Callable[..., Any]
         verb([of(recording, DTG)], Model.new())
 
 
-def test_recordings_to_validate_on_are_checked_too(recording: Recording) -> None:
+def test_validation_recordings_must_be_of_the_same_bench(recording: Recording) -> None:
     with pytest.raises(InputError, match=r"^other: is of bench dtg, model of bench gyrowheel: "):
         diagnose([recording], Model.new(), validate=[of(recording, DTG)])
 
 
-def test_recordings_of_different_benches_do_not_go_together(recording: Recording) -> None:
+def test_recordings_of_different_benches_are_refused(recording: Recording) -> None:
     """Each of them may pass for the model's bench, but not both."""
     light, heavy = (scaled(factor, "rotor_inertia_z") for factor in (0.6, 1.8))
     one, two = of(recording, light, "one"), of(recording, replace(heavy, name="yours"), "two")
@@ -68,7 +68,7 @@ def test_recordings_of_different_benches_do_not_go_together(recording: Recording
         require_one_bench([one, two], Model.new())
 
 
-def test_a_bench_of_ones_own_for_the_same_machine_passes(recording: Recording) -> None:
+def test_a_user_defined_bench_of_the_same_machine_passes(recording: Recording) -> None:
     own = scaled(1.5, "rotor_inertia_x", "rotor_inertia_z", "flexure_stiffness_x", "flexure_stiffness_y")
     require_one_bench([of(recording, own)], Model.new())
     require_one_bench(
@@ -76,7 +76,7 @@ def test_a_bench_of_ones_own_for_the_same_machine_passes(recording: Recording) -
     )
 
 
-def test_a_machine_may_differ_from_the_bench_of_its_own_name(recording: Recording) -> None:
+def test_a_machine_may_differ_from_the_bench_of_its_name(recording: Recording) -> None:
     own = replace(scaled(3.0, "rotor_inertia_z"), name=BENCH.name)
     require_one_bench([of(recording, own)], Model.new())
 
@@ -102,5 +102,5 @@ def test_another_sample_period_is_another_bench(recording: Recording, factor: fl
         json.dumps({"name": "other", "parameters": {"rotor_inertia_z": {"value": 0}}}),
     ],
 )
-def test_a_recording_that_does_not_say_its_bench_passes(recording: Recording, text: str) -> None:
+def test_a_recording_without_a_bench_passes(recording: Recording, text: str) -> None:
     require_one_bench([replace(recording, bench_text=text)], Model.new())

@@ -16,8 +16,8 @@ from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.drag.stream import drag_estimates
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
-from gyrowheel_analysis.reduction import Samples, motor_temperatures
-from gyrowheel_analysis.reduction.motor_temperature import interpolated
+from gyrowheel_analysis.reduction.motor_temperature import interpolated, motor_temperatures
+from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_recording.bags import Recording, write_run
@@ -36,7 +36,7 @@ steps = st.lists(st.sampled_from([5e-4, 0.01, 59.0, 61.0, 1e5, DECADES]), min_si
 
 
 @given(steps)
-def test_pauses_are_found_wherever_they_are(between: list[float]) -> None:
+def test_pauses_are_found_at_any_place(between: list[float]) -> None:
     time = np.concatenate([[0.0], np.cumsum(between)])
     at = np.flatnonzero(np.diff(time) > PAUSE)
     assert np.array_equal(pauses(time), np.column_stack([time[at], time[at + 1]]))
@@ -48,7 +48,7 @@ def test_hardly_any_samples_have_no_pauses(count: int) -> None:
 
 
 @given(steps)
-def test_a_shortened_clock_goes_on_by_whole_steps_and_comes_back(between: list[float]) -> None:
+def test_shortened_time_is_whole_steps_and_can_be_inverted(between: list[float]) -> None:
     time = np.concatenate([[0.0], np.cumsum(between)])
     own = Shortened.of(time, 0.02)
     short = own.without(time)
@@ -68,7 +68,7 @@ def _heated(time: np.ndarray) -> Samples:
     return Samples(time, Readings(columns), nothing, nothing)
 
 
-def test_a_motor_warms_through_a_pause_as_it_does_in_steps() -> None:
+def test_the_motor_temperature_after_a_pause_equals_that_of_single_steps() -> None:
     before, between, after = (np.arange(*ends, 0.01) for ends in ((0, 20), (20, 85), (85, 105)))
     # of the pause five seconds are one long step; recorded, they are fifty
     short = motor_temperatures(_heated(np.concatenate([before, after])), BENCH)
@@ -81,7 +81,7 @@ def test_a_motor_warms_through_a_pause_as_it_does_in_steps() -> None:
             assert own == pytest.approx(wanted, rel=within, abs=1e-12)
 
 
-def test_after_decades_a_motor_is_as_warm_as_it_gets() -> None:
+def test_the_motor_temperature_is_steady_after_decades() -> None:
     time = np.arange(0.0, 20.0, 0.01)
     time, warm, _ = motor_temperatures(_heated(np.concatenate([time, DECADES + time])), BENCH)
     assert len(time) < 2000
@@ -121,7 +121,7 @@ def paused(recording: Recording, directory: Path, pause: float, share: float) ->
 
 @pytest.mark.parametrize("pause", [NIGHT, DECADES])
 @pytest.mark.parametrize("share", [0.31, pytest.param(0.5, marks=pytest.mark.study)])
-def test_the_analysis_goes_on_behind_a_pause(
+def test_the_analysis_uses_both_sides_of_a_pause(
     recording: Recording, tmp_path: Path, pause: float, share: float
 ) -> None:
     late, model = paused(recording, tmp_path / "run", pause, share), Model.new()

@@ -8,7 +8,7 @@ import pytest
 
 from gyrowheel_analysis.criteria import PRECISE
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.precision import precision_test, relative_error
+from gyrowheel_analysis.diagnosis.experiment_design import precision_test, relative_error
 from gyrowheel_analysis.model import Model
 
 from .machines import hidden_machine, record
@@ -16,7 +16,7 @@ from .machines import hidden_machine, record
 
 @pytest.mark.study  # precision of every campaign is compared by benchmarks
 @pytest.mark.slow
-def test_the_test_named_sharpens_as_it_was_said(tmp_path: Path):
+def test_the_proposed_test_improves_precision_as_predicted(tmp_path: Path):
     # just above its detection limit, so that its size is known badly
     machine = hidden_machine(17, {"windage": {"w": 0.0004, "n": 1.48}})
     recordings = [record(tmp_path, "fit", machine, "quick")]
@@ -32,7 +32,7 @@ def test_the_test_named_sharpens_as_it_was_said(tmp_path: Path):
     assert relative_error(sharper) == pytest.approx(test.expected, rel=0.4)
 
 
-def test_what_is_known_well_needs_no_test(tmp_path: Path):
+def test_a_precise_finding_needs_no_test(tmp_path: Path):
     machine = hidden_machine(18, {"aero_cross": {"c": 0.006, "n": 1.98}})
     recordings = [record(tmp_path, "fit", machine, "quick")]
     found = diagnose(recordings, Model.new())

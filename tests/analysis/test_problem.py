@@ -12,11 +12,11 @@ import pytest
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import FEWEST_WINDOWS
 from gyrowheel_analysis.diagnosis.unknown import forms
+from gyrowheel_analysis.fitting.fit import Term
 from gyrowheel_analysis.fitting.preparation import TooFewWindowsError, prepare
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import planned_windows
+from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_analysis.residuals.error_table import errors_of
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording
@@ -56,7 +56,7 @@ def same(one: list[Any], other: list[Any]) -> bool:
     )
 
 
-def test_evaluating_changes_nothing(recording: Recording) -> None:
+def test_evaluation_has_no_side_effects(recording: Recording) -> None:
     prepared = prepare([recording], Model(BENCH), validate=[recording])
     problem, validation = prepared.problem, prepared.validation
     assert validation is not None
@@ -76,7 +76,7 @@ def test_evaluating_changes_nothing(recording: Recording) -> None:
     assert not np.array_equal(problem.predict(fit), problem.predict(replace(fit.point, terms=fit.terms[:1])))
 
 
-def test_another_noise_is_another_problem(recording: Recording) -> None:
+def test_changing_the_noise_returns_another_problem(recording: Recording) -> None:
     prepared = prepare([recording], Model(BENCH), validate=[recording])
     problem = prepared.problem
     before = state(problem)

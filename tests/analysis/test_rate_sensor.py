@@ -24,7 +24,7 @@ segments:
 """
 
 
-def test_rates_of_the_table_are_seen(tmp_path: Path) -> None:
+def test_rates_of_the_table_are_measured(tmp_path: Path) -> None:
     exact = Scenario.nominal(noise_seed=4)
     result = rates([record(tmp_path, "turns", exact, "rate_table")], Model.new())
     assert np.abs(result.reference).max() == pytest.approx(2.0 * DEG)
@@ -44,7 +44,7 @@ def test_a_wrong_constant_of_the_coils_is_a_scale_error(tmp_path: Path) -> None:
         assert line.scale == pytest.approx(1.0 / 1.03, abs=4.0 * line.scale_error)
 
 
-def test_a_rate_that_stands_in_the_room_changes_sign_with_the_rig(tmp_path: Path) -> None:
+def test_a_rate_fixed_in_the_room_changes_sign_with_the_rig(tmp_path: Path) -> None:
     """As the Earth's does, but ten times as fast, so that the drift of the coils does not hide it."""
     truth = {"earth_rate": {"E_x": 5.0e-4, "E_y": -3.0e-4}}
     recording = record(tmp_path, "yaw", Scenario.nominal(truth, noise_seed=2), "yaw")

@@ -12,10 +12,15 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel_analysis.fitting.preparation import samples_of
-from gyrowheel_analysis.reduction import Shown, look, reduce
-from gyrowheel_analysis.reduction.lattice import steps
-from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding, reading_findings
-from gyrowheel_analysis.reduction.stamps import read_stamps
+from gyrowheel_analysis.reduction.clock import read_stamps
+from gyrowheel_analysis.reduction.instrument_readings import (
+    ReadingFinding,
+    Shown,
+    look,
+    reading_findings,
+    steps,
+)
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
@@ -81,7 +86,7 @@ def found(recording: Recording, bench: Bench = BENCH) -> dict[str, ReadingFindin
     return {f.name: f for f in reading_findings([shown(recording, bench)], ["it"], bench).found}
 
 
-def test_every_wrong_reading_is_told_with_its_size_and_nothing_else(imperfect: Recording) -> None:
+def test_every_wrong_reading_is_reported_with_its_size_and_nothing_else(imperfect: Recording) -> None:
     told = found(imperfect)
     assert set(told) == set(WRONG)
     for name, item in told.items():
@@ -94,19 +99,19 @@ def test_every_wrong_reading_is_told_with_its_size_and_nothing_else(imperfect: R
     assert told["clock_rate_error"].remark == "stamps_off"
 
 
-def test_what_is_stated_or_is_not_there_is_not_told(imperfect: Recording, right: Recording) -> None:
+def test_stated_or_absent_deviations_are_not_reported(imperfect: Recording, right: Recording) -> None:
     assert not found(right)
     assert not found(imperfect, BENCH.with_values(WRONG))
 
 
-def test_what_is_stated_and_is_not_there_is_told(right: Recording) -> None:
+def test_stated_but_absent_deviations_are_reported(right: Recording) -> None:
     told = found(right, BENCH.with_values(WRONG))
     assert {name for name in WRONG if name not in told} <= {"clock_jitter"}
     assert told["tilt_resolution"].value == 0.0
     assert told["motor_voltage_hum"].value < 0.2 * WRONG["motor_voltage_hum"]
 
 
-def test_hum_where_the_rotor_turns_is_told_from_the_other_speeds_and_weighs_there(
+def test_hum_at_the_rotor_frequency_follows_from_other_speeds(
     imperfect: Recording,
 ) -> None:
     samples = samples_of(imperfect)
@@ -124,7 +129,7 @@ def test_hum_where_the_rotor_turns_is_told_from_the_other_speeds_and_weighs_ther
     assert not look(samples, alone, BENCH).lines
 
 
-def test_hum_of_the_tilt_is_told_apart_from_what_the_loop_makes_of_it(plan: Path) -> None:
+def test_hum_of_the_tilt_is_separated_from_the_response_of_the_loop(plan: Path) -> None:
     recording = gw.simulate(
         plan, bench=bench_file(plan.parent, {"tilt_hum": 1.2e-5, "mains_frequency": 60.3}), machine=5, seed=22
     ).data
@@ -156,7 +161,7 @@ def test_steps_are_found_wherever_their_zero_is(right: Recording, part: float) -
     assert not steps(Readings(right.readings.array.astype(np.float32).astype(np.float64)))
 
 
-def test_jitter_of_the_samples_is_told_from_jitter_of_the_stamps(right: Recording) -> None:
+def test_jitter_of_samples_and_of_stamps_are_distinguished(right: Recording) -> None:
     late = 3.0e-6 * np.random.default_rng(4).standard_normal(len(right.time))
     values = right.readings.array.copy()
     angle = READINGS.index("spin_angle")

@@ -11,21 +11,13 @@ import pytest
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.fitting.preparation import prepare, samples_of
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import (
-    READING_NOISES,
-    Commanded,
-    Coverage,
-    Samples,
-    Windows,
-    reading_noise,
-    reduce,
-    reduce_and_account,
-    without_noise,
-)
+from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.hum import Line
-from gyrowheel_analysis.reduction.planned import planned_windows
-from gyrowheel_analysis.reduction.shown import Shown
-from gyrowheel_analysis.reduction.windows import RISE
+from gyrowheel_analysis.reduction.instrument_readings import Shown
+from gyrowheel_analysis.reduction.quality import READING_NOISES, reading_noise
+from gyrowheel_analysis.reduction.samples import Commanded, Samples
+from gyrowheel_analysis.reduction.segmentation import planned_windows, reduce, reduce_and_account
+from gyrowheel_analysis.reduction.windows import RISE, Windows, without_noise
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.plant.scenario import Scenario
@@ -78,7 +70,7 @@ def test_the_noise_is_that_of_the_recording(factor: float, tmp_path: Path) -> No
     assert (reading_noise(lossy, BENCH) / STATED) == pytest.approx(factor, rel=0.1)
 
 
-def test_the_noise_of_a_few_samples_is_the_stated_one(samples: Samples) -> None:
+def test_few_samples_have_the_stated_noise(samples: Samples) -> None:
     assert samples.commanded is not None
     few = replace(
         samples,
@@ -89,7 +81,7 @@ def test_the_noise_of_a_few_samples_is_the_stated_one(samples: Samples) -> None:
     assert reading_noise(few, BENCH) == pytest.approx(STATED)
 
 
-def test_noise_where_the_controller_comes_later(samples: Samples) -> None:
+def test_noise_with_a_late_controller(samples: Samples) -> None:
     """Before its first command nothing but the sensor is in the voltages, and rounding in what counts as commanded."""
     assert samples.commanded is not None
     late, rng = 3000, np.random.default_rng(2)
@@ -196,14 +188,14 @@ def test_motion_that_has_not_settled_is_left_out_or_begins_later(samples: Sample
     assert np.abs(left.mean_tilt[same] - late.mean_tilt) < 2.0e-5
 
 
-def test_a_supply_that_fails_is_noticed(samples: Samples, windows: Windows) -> None:
+def test_a_failing_supply_leaves_windows_out(samples: Samples, windows: Windows) -> None:
     readings = samples.readings.copy()
     readings.motor_current[:] += 0.5 * np.where(np.arange(len(readings)) % 2, 1.0, -1.0)
     holds = int(np.sum(windows.duration > 0.9))
     assert len(reduce(replace(samples, readings=readings), BENCH)) < holds / 4
 
 
-def test_what_is_left_out_is_accounted_for(samples: Samples, windows: Windows) -> None:
+def test_coverage_counts_what_is_left_out(samples: Samples, windows: Windows) -> None:
     found, whole = reduce_and_account(samples, BENCH)
     assert len(found) == len(windows)
     assert whole.complete
@@ -280,7 +272,7 @@ def test_no_parameter_multiplies_the_noise_of_an_acceleration(tmp_path: Path) ->
     assert residuals[0] - residuals[1] == pytest.approx(torque, rel=0.02)  # it stays in what was measured
 
 
-def test_no_parameter_multiplies_the_noise_of_what_many_holds_repeat(windows: Windows) -> None:
+def test_no_parameter_multiplies_the_noise_of_repeated_holds(windows: Windows) -> None:
     """A hold that is repeated hundreds of times is one motion, but where it differs by more than noise."""
     rng = np.random.default_rng(1)
     (hold,) = np.flatnonzero(~windows.moving & (np.abs(windows.mean_tilt) > 0.03))[:1]
@@ -308,7 +300,7 @@ def test_no_parameter_multiplies_the_noise_of_what_many_holds_repeat(windows: Wi
     assert found[clear][0] == pytest.approx(harmonics[7][clear][0])
 
 
-def test_a_rate_of_the_tilt_that_is_noise_is_multiplied_by_nothing(windows: Windows) -> None:
+def test_no_parameter_multiplies_a_tilt_rate_that_is_noise(windows: Windows) -> None:
     hold = windows.select(np.flatnonzero(~windows.moving)[:1])
     for size, left in ((2.0, 0.0), (50.0, 1.0)):
         rate = size * np.sqrt(hold.tilt_rate_variance)

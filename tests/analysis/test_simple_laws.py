@@ -52,7 +52,7 @@ def test_whole_exponents_make_a_law_that_can_be_typed(
         assert (own.expression - other.expression).expand() == 0
 
 
-def test_it_is_said_with_the_exponents_that_were_found() -> None:
+def test_the_sentence_has_the_exponents_that_were_found() -> None:
     exponents = {"k": Estimate(1.03, 0.04, "1"), "q": Estimate(1.16, 0.1, "1")}
     form = FreeForm("law", 50.0, exponents, "torque along the tilt", simple="simple", whole={"k": 1, "q": 1})
     said = simple_sentence(form)

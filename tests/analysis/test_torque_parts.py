@@ -7,7 +7,9 @@ import pytest
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.balance.parts import BENCH_PARTS, torque_parts
-from gyrowheel_analysis.reduction import Samples, Windows, reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
@@ -45,7 +47,7 @@ def defaults(*names: str) -> tuple[EffectValues, list[ActiveEffect]]:
 
 
 @pytest.mark.parametrize("rpm", SPEEDS)
-def test_the_parts_sum_to_what_the_simulation_holds(rpm: float) -> None:
+def test_the_parts_sum_to_the_simulated_torque(rpm: float) -> None:
     torques = tuple(name for name in NAMES if name not in {"coil_heating"})
     values, effects = defaults(*torques)
     windows = hold(rpm, 3.0, values)

@@ -15,7 +15,7 @@ from gyrowheel_analysis.criteria import CHI2_RANGE, FAR_FROM_USUAL
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
-from gyrowheel_analysis.fitting.terms import ERRORS, Term
+from gyrowheel_analysis.fitting.fit import ERRORS, Term
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording
@@ -155,7 +155,7 @@ def test_a_torque_that_grows_with_the_square_of_the_speed_is_not_the_earth(tmp_p
     assert found.proof.proven
 
 
-def test_what_shows_only_in_the_validation_is_not_nothing(tmp_path: Path) -> None:
+def test_an_effect_in_the_validation_alone_is_not_nothing_missing(tmp_path: Path) -> None:
     """A centre of gravity off the pivot cannot be seen upright, but a model without it fails upside down."""
     machine = hidden_machine(4, {"gravity_offset": {"G": 0.005}})
     fit = record(tmp_path, "fit", machine, "quick")
@@ -230,7 +230,7 @@ def test_an_event_in_the_validation_is_named_as_the_cause(tmp_path: Path) -> Non
     assert found.verdict == "insufficient_data"
 
 
-def test_a_finding_is_proven_on_what_was_left_out(tmp_path: Path) -> None:
+def test_a_finding_is_proven_on_the_part_left_out(tmp_path: Path) -> None:
     machine = hidden_machine(12, EFFECTS["one effect"])
     recording = record(tmp_path, "fit", machine, "quick")
     found = diagnose([recording], Model.new())

@@ -24,8 +24,8 @@ from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS, DRIFTS
 from gyrowheel_analysis.criteria import SIGNIFICANT
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.reduction import planned_windows
-from gyrowheel_analysis.reduction.groups import direction_groups, masks, octants, speed_groups
+from gyrowheel_analysis.reduction.segmentation import planned_windows
+from gyrowheel_analysis.reduction.windows import direction_groups, masks, octants, speed_groups
 from gyrowheel_analysis.residuals.dependence import dependences, judged, whiteness
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
@@ -170,7 +170,7 @@ def test_a_map_over_something_else_is_refused(text: str) -> None:
 # ---- regions
 
 
-def test_the_regions_say_where_the_misfit_is_and_what_it_looks_like() -> None:
+def test_regions_locate_and_describe_the_misfit() -> None:
     w = problem().balances[0].windows
     fast = w.mean_spin > 3000 * RPM
     rng = np.random.default_rng(2)
@@ -191,7 +191,7 @@ def test_the_regions_say_where_the_misfit_is_and_what_it_looks_like() -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(st.floats(-math.pi, math.pi), st.floats(0.5, 3.0))
-def test_phase_and_growth_of_a_torque_are_said(angle: float, exponent: float) -> None:
+def test_phase_and_growth_of_a_torque_are_described(angle: float, exponent: float) -> None:
     w = problem().balances[0].windows
     law = 0.03 * np.exp(1j * angle) * (w.mean_spin / (3500 * RPM)) ** exponent * w.mean_tilt
     _, data = residual("tilt", law)
@@ -262,13 +262,13 @@ WARM = 273.15 + 20.0
     ],
     ids=["2N", "1N", "ripple", "coils", "time", "voltage", "constant", "cube", "square"],
 )
-def test_what_a_residual_follows_is_said(data: Callable[[], WindowResiduals], words: list[str]) -> None:
+def test_the_law_of_a_residual_is_described(data: Callable[[], WindowResiduals], words: list[str]) -> None:
     (sentence,) = grows(data())
     for word in words:
         assert word in sentence
 
 
-def test_nothing_is_said_of_noise() -> None:
+def test_noise_has_no_law() -> None:
     for seed in range(20):
         _, data = residual("spin", 0.0, noise_rows(np.random.default_rng(seed)))
         assert grows(data) == []
@@ -338,7 +338,7 @@ def test_the_speed_is_named_where_the_temperature_hardly_varies(part: str) -> No
     assert "temperature" not in {test.variable for test in stated}
 
 
-def test_of_variables_that_do_as_well_the_plainest_is_named_and_the_other_too() -> None:
+def test_of_equally_good_variables_the_plainest_is_chosen_and_the_other_named() -> None:
     p = problem()
     (balance,) = p.balances
     spin = balance.windows.mean_spin
@@ -361,7 +361,7 @@ def test_of_variables_that_do_as_well_the_plainest_is_named_and_the_other_too() 
         assert "or on the coil temperature, which varied along with it in these recordings" in said
 
 
-def test_order_among_small_residuals_is_noticed() -> None:
+def test_order_in_small_residuals_is_detected() -> None:
     """A swing far below the noise of a window shows in neighbours that are alike."""
     p = problem()
     count = len(p.balances[0].windows)
@@ -388,7 +388,7 @@ def test_few_windows_give_no_test() -> None:
     assert grows(data) == []
 
 
-def test_averages_alone_have_maps_and_sentences_too() -> None:
+def test_averages_alone_have_maps_and_sentences() -> None:
     windows = problem().balances[0].windows
     balance = Balance(windows, BENCH, harmonics=False)
     rows = np.zeros(len(balance))
@@ -402,7 +402,7 @@ def test_averages_alone_have_maps_and_sentences_too() -> None:
 # ---- words
 
 
-def test_sizes_are_said_in_a_fitting_unit() -> None:
+def test_sizes_are_shown_in_a_suitable_unit() -> None:
     assert size(2.5e-4, "N·m") == "0.25 mN·m"
     assert size(3.4e-5, "N·m") == "34 µN·m"
     assert size(-0.0123, "V", sign=True) == "−12 mV"

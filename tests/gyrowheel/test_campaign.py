@@ -26,7 +26,7 @@ from gyrowheel.campaigns.report import campaign_report
 from gyrowheel.campaigns.summary import Rate, Summary, covered
 from gyrowheel.campaigns.workers import _move, run_case
 from gyrowheel.show.layout import show
-from gyrowheel_analysis.fitting.terms import ERRORS
+from gyrowheel_analysis.fitting.fit import ERRORS
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError

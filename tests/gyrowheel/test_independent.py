@@ -16,7 +16,7 @@ from benchmarks.independent.instruments import WRONG, Instruments, is_instrument
 from benchmarks.independent.loop import run
 from benchmarks.independent.machine import COEFFICIENTS, ERRORS, Secret, bench_file
 from benchmarks.independent.sequence import Step, long_sequence, references, short_sequence
-from gyrowheel_analysis.fitting.terms import ERRORS as KNOWN_ERRORS
+from gyrowheel_analysis.fitting.fit import ERRORS as KNOWN_ERRORS
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.instruments.response import held_response, smooth_response
 from gyrowheel_sim.parameter import INSTRUMENTS

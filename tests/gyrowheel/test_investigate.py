@@ -16,7 +16,7 @@ from gyrowheel.investigation.page import end_sentence
 from gyrowheel.investigation.procedure import BROAD, Course, Step, pursue
 from gyrowheel.investigation.sentences import learned
 from gyrowheel_analysis.diagnosis.discrimination import Discrimination
-from gyrowheel_analysis.diagnosis.precision import PrecisionTest, relative_error
+from gyrowheel_analysis.diagnosis.experiment_design import PrecisionTest, relative_error
 from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate, NextTest
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
@@ -65,7 +65,9 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., t
             return plain if averages and not begun.averages else left.pop(0)
 
         monkeypatch.setattr("gyrowheel_analysis.diagnosis.diagnose.diagnose", diagnose)
-        monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.precision_test", lambda *_, **__: sharper)
+        monkeypatch.setattr(
+            "gyrowheel_analysis.diagnosis.experiment_design.precision_test", lambda *_, **__: sharper
+        )
         budget, averages = options.pop("budget", 15.0), options.pop("averages", False)
         begun, listener = Course("m.yaml", budget, averages=averages), Silent()
         plans = [Plan.load(name) for name in options.pop("plans", ["check"])]

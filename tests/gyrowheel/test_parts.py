@@ -13,7 +13,7 @@ from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.show.layout import plain_text
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.fitting.preparation import samples_of
-from gyrowheel_analysis.reduction import reduce
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 

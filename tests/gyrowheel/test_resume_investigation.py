@@ -40,7 +40,9 @@ def answered(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("gyrowheel_recording.bags.Recording.open", lambda path: path)
     monkeypatch.setattr("gyrowheel_analysis.diagnosis.diagnose.diagnose", diagnose)
-    monkeypatch.setattr("gyrowheel_analysis.diagnosis.precision.precision_test", lambda *_, **__: None)
+    monkeypatch.setattr(
+        "gyrowheel_analysis.diagnosis.experiment_design.precision_test", lambda *_, **__: None
+    )
     # a report reads the recordings, of which there are none here
     monkeypatch.setattr("gyrowheel.investigation.verb._report", lambda *_: None)
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.reduction import Samples, reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_control.loops.controller import Controller, Gains, loop_code
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG, RPM

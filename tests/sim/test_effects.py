@@ -16,9 +16,11 @@ from hypothesis import strategies as st
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.channels import ALL_ROWS
+from gyrowheel_analysis.fitting.fit import ERRORS
 from gyrowheel_analysis.fitting.noise import Noise
-from gyrowheel_analysis.fitting.terms import ERRORS
-from gyrowheel_analysis.reduction import READING_NOISES, Samples, reduce
+from gyrowheel_analysis.reduction.quality import READING_NOISES
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_control.loops.controller import loop_code
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings

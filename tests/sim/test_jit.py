@@ -12,7 +12,7 @@ import pytest
 _RUN = """
     import hashlib, sys
     import numpy as np
-    from gyrowheel_analysis.fitting.drift import DriftCovariance
+    from gyrowheel_analysis.fitting.variance import DriftCovariance
     middle = np.cumsum(np.full(40, 1.7))
     covariance = DriftCovariance(middle, np.full(40, 1e-8), 2e-4, 20.0)
     white = covariance.whiten(np.sin(middle), 1.0)

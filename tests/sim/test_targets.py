@@ -128,7 +128,8 @@ SCRIPT = """
 import json
 import numpy as np
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
-from gyrowheel_analysis.reduction import Samples, reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans import Plan
 from gyrowheel_core.readings import Readings

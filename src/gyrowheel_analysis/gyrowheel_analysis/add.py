@@ -11,20 +11,13 @@ import numpy as np
 
 from gyrowheel_analysis.criteria import DOUBTFUL, MOVED, UNCONSTRAINED
 from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
-from gyrowheel_analysis.diagnosis.events import (
-    accepted,
-    as_events,
-    beside_events,
-    unused_events,
-    with_sizes,
-)
+from gyrowheel_analysis.diagnosis.events import accepted, as_events, beside_events, unused_events, with_sizes
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import prove
 from gyrowheel_analysis.diagnosis.result import DatedEvent, Estimate, Proof
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import ERRORS, Term
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, errors_of
@@ -39,7 +32,7 @@ AIR = "aero"
 
 @dataclass(frozen=True)
 class Doubt:
-    """What a fit gives reason to doubt.
+    """A reason to doubt a result of a fit.
 
     Attributes
     ----------
@@ -72,13 +65,13 @@ class Added:
     coefficients : dict
         {effect: {coefficient: Estimate}}.
     error : ErrorTable
-        How the error falls, on the fitted and on the validation recordings.
+        The error before and after, on the fitted and on the validation recordings.
     residuals : tuple of Residuals
         Window by window, before and after.
     doubts : tuple of Doubt
-        What the fit gives reason to doubt.
+        Reasons to doubt the result.
     events : tuple of DatedEvent
-        What changed in the middle of a recording: taken along in the fit, but not on the validation recordings.
+        Changes in the middle of a recording: part of the fit, but not of the prediction of validation recordings.
     proof : Proof
         Whether the model with the effects predicts what was not fitted.
     """
@@ -109,7 +102,7 @@ def add_effect(
         The model as it is.
     names : sequence of str or Effect
         Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model has is
-        fitted anew. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
+        fitted again. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
         for the effects that a model of the air has (`gyrowheel_air.MODELS`); their coefficients are fitted
         within the uncertainties that it states.
     fit : sequence of Recording
@@ -145,32 +138,10 @@ def add_effect(
         events += unused_events(prepared.validation.problem, after, validate)
     errors = errors_of(before, after, prepared)
     coefficients = {term.name: estimates(term, after) for term in terms}
-    doubts = [
-        Doubt("weak", term.name, size=after.significance(term.name))
-        for term in terms
-        if after.significance(term.name) < DOUBTFUL
-    ]
-    doubts += [Doubt("impossible", term.name) for term in terms if not is_possible(after, term)]
-    doubts += [
-        Doubt("unusual", b.name, b.coefficient, b.times)
-        for b in beyond(problem, after, terms)
-        if b.kind == "unusual"
-    ]
-    doubts += [
-        Doubt("moved", name, key, abs(far))
-        for (name, key), far in problem.unknowns.moved(after.nuisance).items()
-        if abs(far) > MOVED and name not in air
-    ]
-    model_effects = problem.unknowns.effects(replace(after.point, coefficients={}))
-    effects = {active.effect.name: dict(active.values) for active in model_effects}
-    effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
+    doubts = _doubts(problem, after, terms, air)
     for name, found, own_doubts in _found_air(problem, after, air):
         coefficients[name] = found
         doubts += own_doubts
-    for name, found in coefficients.items():
-        if name not in ERRORS:
-            effects[name] = {key: e.value for key, e in found.items()}
-            effect_errors[name] = {key: e.standard_error for key, e in found.items()}
     overrides = {
         name: Override(n.value, n.standard_error)
         for name, n in nuisance_estimates(problem, after).items()
@@ -185,6 +156,7 @@ def add_effect(
     }
     if restated := _restated(problem, terms, overrides):
         entry["restated"] = restated
+    effects, effect_errors = _effects(model, problem, after, coefficients)
     changed = model.changed(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )
@@ -194,6 +166,40 @@ def add_effect(
     return Added(
         changed, coefficients, errors.table, tuple(errors.residuals), tuple(doubts), tuple(events), proof
     )
+
+
+def _doubts(
+    problem: Problem, after: Fit, terms: Sequence[Term], air: Mapping[str, Mapping[str, tuple[float, float]]]
+) -> list[Doubt]:
+    """Return the reasons to doubt the added terms and the effects of the model, but for those of the air."""
+    sizes = [(term.name, after.significance(term.name)) for term in terms]
+    doubts = [Doubt("weak", name, size=size) for name, size in sizes if size < DOUBTFUL]
+    doubts += [Doubt("impossible", term.name) for term in terms if not is_possible(after, term)]
+    doubts += [
+        Doubt("unusual", b.name, b.coefficient, b.times)
+        for b in beyond(problem, after, terms)
+        if b.kind == "unusual"
+    ]
+    doubts += [
+        Doubt("moved", name, key, abs(far))
+        for (name, key), far in problem.unknowns.moved(after.nuisance).items()
+        if abs(far) > MOVED and name not in air
+    ]
+    return doubts
+
+
+def _effects(
+    model: Model, problem: Problem, after: Fit, added: Mapping[str, Mapping[str, Estimate]]
+) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
+    """Return the coefficients of all effects of the new model, and their standard errors."""
+    model_effects = problem.unknowns.effects(replace(after.point, coefficients={}))
+    effects = {active.effect.name: dict(active.values) for active in model_effects}
+    effect_errors = {name: dict(model.effect_errors.get(name, {})) for name in effects}
+    for name, found in added.items():
+        if name not in ERRORS:
+            effects[name] = {key: e.value for key, e in found.items()}
+            effect_errors[name] = {key: e.standard_error for key, e in found.items()}
+    return effects, effect_errors
 
 
 def _with_air(model: Model, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Model:
@@ -259,7 +265,7 @@ def _restated(
 
 
 def _what(air: Sequence[str], terms: Sequence[Term], model: Model) -> str:
-    """Return what is done to the model, for its history."""
+    """Return the description of the change, for the history of the model."""
     new = [*air, *(t.name for t in terms if t.name not in model.effects)]
     again = [t.name for t in terms if t.name in model.effects]
     parts = (("add", new), ("fit anew", again))
@@ -267,7 +273,7 @@ def _what(air: Sequence[str], terms: Sequence[Term], model: Model) -> str:
 
 
 def is_air(name: str) -> bool:
-    """Whether a name stands for the effects of a model of the air."""
+    """Whether a name means the effects of a model of the air."""
     return name.partition(":")[0].strip() == AIR
 
 

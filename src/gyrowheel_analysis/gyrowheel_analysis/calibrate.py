@@ -26,13 +26,13 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
-from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_analysis.residuals.error_table import channel_parts
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 
-#: What is calibrated, and what a recording must contain for it.
+#: Calibrated constants, and the motion that a recording must contain for each.
 CONSTANTS = {
     "coil_constant": "cones or other slow turns of the tilt (plan cone, plan survey)",
     "motor_constant": "several speeds (plan coast_down, plan survey)",
@@ -75,9 +75,9 @@ class Constant:
     before : Override
         Value in the model before: an earlier estimate, or the stated value.
     after : Override
-        What the recordings say, with its standard error.
+        Estimate from the recordings, with its standard error.
     limited_by : str
-        The bench parameter whose uncertainty makes up most of the standard error; empty if there is none such.
+        The bench parameter whose uncertainty makes up most of the standard error; empty if there is no such parameter.
     """
 
     name: str
@@ -160,9 +160,7 @@ def calibrate(
             break
         # the rows are read with the bench's own constants: about the values found the fit is linear
         prepared = prepare(
-            recordings,
-            replace(bare, stated_bench=_opened(stated, found)),
-            drift_scales=problem.noise.scales,
+            recordings, replace(bare, stated_bench=_opened(stated, found)), drift_scales=problem.noise.scales
         )
     white = problem.noise.whiten(fit.residual)
     tilt = np.concatenate(
@@ -194,7 +192,7 @@ def _widened(chi2: float) -> float:
     return math.sqrt(max(chi2, 1.0))
 
 
-#: What the bench states of noise and drift of the motor's readings.
+#: Noise and drift of the motor's readings in the bench file.
 _NOISE_OF_MOTOR = frozenset(
     f"motor_{reading}_{what}" for reading in ("voltage", "current") for what in ("noise", "drift")
 )
@@ -233,7 +231,7 @@ def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Overr
                 np.diag(v("motor_current_noise") ** 2 / w.samples) + v("motor_current_drift") ** 2 * lag,
             )
         )
-    # where the current hardly changes, the resistance is what the bench file says, within reason
+    # where the current hardly changes, the resistance stays near the value of the bench file
     usual, loose = v("motor_resistance"), _OPEN * v("motor_resistance")
 
     def best(resistance: float) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""What a bench can reach: voltages and rates at its speeds and its largest tilt, with the air of usual size."""
+"""The capability of a bench: voltages and rates at its speeds and its largest tilt, with usual air."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
-from gyrowheel_analysis.reduction import planned_windows
+from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_control.plans import demands
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import get
 
-#: Effects of the air that are taken along, in their usual sizes.
+#: Effects of the air that are included, in their usual sizes.
 AIR: Final = ("aero_restoring", "aero_cross", "windage")
 _FAST: Final = 1000.0 * RPM  # a speed at which every hold has one window
 
 
 @dataclass(frozen=True)
 class SpeedReach:
-    """What a bench can do at one speed.
+    """Capability of a bench at one speed.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class SpeedReach:
 
 @dataclass(frozen=True)
 class Reach:
-    """What a bench can reach at its lowest, its reference and its highest speed.
+    """Capability of a bench at its lowest, its reference and its highest speed.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Reach:
 
 
 def reach(bench: Bench) -> Reach:
-    """Return what a bench can reach, by its torque balance without running anything."""
+    """Return the capability of a bench by its torque balance; nothing is simulated."""
     v = bench.value
     low, top, reference = v("spin_rate_minimum"), v("spin_rate_maximum"), v("spin_rate_reference")
     rates = sorted({low, top, *([reference] if low < reference < top else [])})

@@ -14,8 +14,8 @@ from typing import Literal
 
 #: When a channel is looked at: averaged over whole revolutions, once or twice a revolution, at the motor's ripple.
 Group = Literal["average", "revolution", "ripple"]
-#: What a channel is: torque of the coils, torque or voltage of the motor, torque that accelerates the shaft, voltage
-#: across the resistance of the winding, angle of the shaft beside its steady growth.
+#: Quantity of a channel: torque of the coils, torque or voltage of the motor, torque that accelerates the shaft,
+#: voltage across the resistance of the winding, angle of the shaft relative to its steady growth.
 Quantity = Literal[
     "coil_torque", "motor_torque", "motor_voltage", "shaft_torque", "winding_voltage", "encoder_angle"
 ]
@@ -25,7 +25,7 @@ GROUPS: tuple[Group, ...] = ("average", "revolution", "ripple")
 
 @dataclass(frozen=True)
 class Channel:
-    """What is measured and predicted.
+    """A measured and predicted quantity.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Channel:
     group : Group
         When it is looked at.
     quantity : Quantity
-        What it is.
+        Its quantity.
     order : int
         Multiple of the spin speed, for channels of the group ``revolution``.
     drift : str
@@ -53,7 +53,7 @@ class Channel:
     measured : str
         The channel in a sentence, as what was measured.
     patterns : tuple of str
-        Ways to depend on the motion that are tried on its residual, see `residuals.patterns.pattern`.
+        Ways to depend on the motion that are tried on its residual, see `residuals.growth.pattern`.
     """
 
     name: str
@@ -157,7 +157,7 @@ WITHIN_TURN = "spin_angle within a turn"
 _PHASE = "spin_angle {:g}N"
 _RIPPLE = "spin_angle of the ripple"
 
-#: Readings without which a quantity cannot be compared, beside those by which its own rows are named.
+#: Readings without which a quantity cannot be compared, besides those that name its rows.
 _COMPARES: dict[Quantity, frozenset[str]] = {
     "coil_torque": frozenset(),
     "motor_torque": frozenset({"motor_current"}),

@@ -15,8 +15,9 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import Coverage, concatenate
-from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
+from gyrowheel_analysis.reduction.coverage import Coverage
+from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
+from gyrowheel_analysis.reduction.windows import concatenate
 from gyrowheel_analysis.residuals.dependence import (
     Dependence,
     PartDependence,
@@ -44,7 +45,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ChannelMetrics:
-    """How well one channel is predicted.
+    """Quality of the prediction of one channel.
 
     Attributes
     ----------
@@ -79,7 +80,7 @@ class Comparison:
     Attributes
     ----------
     channels : mapping of str to ChannelMetrics
-        By channel of `channels.LISTED`, with the bench's parameters fitted along within their stated uncertainties.
+        By channel of `channels.LISTED`, with the bench's parameters estimated within their stated uncertainties.
     raw_rms : mapping of str to float
         Root mean square of the residual of the model exactly as the file stands [unit of the channel].
     error_before : ErrorRow
@@ -101,7 +102,7 @@ class Comparison:
     model : str
         File of the model.
     coverage : Coverage
-        How much of the recordings takes part.
+        Share of the recordings that is used.
     readings : tuple of ReadingFinding
         Deviations of the instruments that the samples show.
     hum_unknown : tuple of (str, str)
@@ -143,7 +144,7 @@ class Comparison:
 def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None) -> Comparison:
     """Compare a model with recordings.
 
-    The bench's uncertain parameters are fitted along within their stated uncertainties, so that what remains is
+    The bench's uncertain parameters are estimated within their stated uncertainties, so that the remainder is
     what the model cannot explain; `Comparison.raw_rms` has the error of the model as the file stands.
 
     Raises

@@ -39,14 +39,14 @@ FAR_FROM_STATED: Final = 5.0
 
 # --- free forms ---
 
-#: Gain that a free form needs beside or in place of the effects; about seventy forms are tried.
+#: Gain that a free form needs in addition to or in place of the effects; about seventy forms are tried.
 #: Lower reports unknown physics in noise, higher names the nearest known effect instead.
 FORM_GAIN: Final = 30.0
 #: The same for a single form that replaces several effects, which has fewer coefficients.
 FORM_GAIN_FOR_SEVERAL: Final = 12.0
 #: Loss that is accepted for a form that replaces effects that cancel each other: these are no explanation.
 FORM_LOSS: Final = 12.0
-#: Gain that an effect must bring to be kept beside a form.
+#: Gain that an effect must bring to be kept next to a form.
 BESIDE_FORM_GAIN: Final = 6.0
 #: Standard error up to which an exponent is distinguished from the next whole one; standard errors, and distance at any
 #: rate, within which it is whole. Wider shows simple laws that are wrong, narrower hides them.
@@ -86,7 +86,7 @@ SWING_FASTEST: Final = 20.0
 SWINGS_FEWEST: Final = 1.5
 #: Change of a temperature [K] below which nothing can be seen to follow it.
 DRIFT_WARMING: Final = 0.3
-#: Scale of a drift from which on it counts as enlarged, so that smaller ones are tried beside an event.
+#: Scale of a drift from which on it counts as enlarged, so that smaller ones are tried with an event.
 DRIFT_ENLARGED: Final = 1.05
 #: Standard errors by which the scatter of neighbouring windows must exceed the known noise, and the windows that this
 #: takes. Lower raises the noise by chance and hides events, higher takes scatter for events.

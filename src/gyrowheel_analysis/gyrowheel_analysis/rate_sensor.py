@@ -17,7 +17,8 @@ from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.preparation import one_thread, require_one_bench, samples_of
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import Windows, concatenate, reduce
+from gyrowheel_analysis.reduction.segmentation import reduce
+from gyrowheel_analysis.reduction.windows import Windows, concatenate
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry
@@ -156,10 +157,7 @@ def rates(
         torque = np.stack([left[x], left[y]], axis=1)
         noise = np.stack([deviation[x], deviation[y]], axis=1)
         estimates.append(
-            (
-                np.einsum("nij,nj->ni", inverse, torque),
-                np.sqrt(np.einsum("nij,nj->ni", inverse**2, noise**2)),
-            )
+            (np.einsum("nij,nj->ni", inverse, torque), np.sqrt(np.einsum("nij,nj->ni", inverse**2, noise**2)))
         )
     if not parts:
         raise InputError(f"{recordings[0].path}: no steady window; the rate needs holds of about a second")

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
-from gyrowheel_analysis.reduction import Windows, planned_windows
+from gyrowheel_analysis.reduction.segmentation import planned_windows
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
@@ -24,7 +25,7 @@ _TILTS = 8
 #: Rings of tilts, from the upright on.
 RINGS = 2
 _SPOKES = 12
-#: What no bench could see: a part of the torque of the flexures at the reference tilt, and of the supply.
+#: Invisible on any bench: this part of the torque of the flexures at the reference tilt, and of the supply.
 _NOTHING = 1e-4
 _ROUNDING = 1e-10  # what computing leaves of zero
 _WARM = 20.0  # of coils and motor above the air [K]
@@ -55,11 +56,11 @@ class Curve:
     Attributes
     ----------
     name : str
-        What it is.
+        Name of the row.
     unit : str
         ``N·m`` or ``V``.
     values : ndarray (k,)
-        What the effect adds to what coils or motor must give [`unit`].
+        Contribution of the effect to the required torque or voltage [`unit`].
     """
 
     name: str
@@ -69,7 +70,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Signature:
-    """What an effect of its usual size adds to what coils and motor must give while the tilt is held.
+    """Torques and voltages that an effect of its usual size requires while the tilt is held.
 
     Attributes
     ----------
@@ -88,7 +89,7 @@ class Signature:
     tilt_held, speed_held : float
         The tilt of `by_speed` [rad] and the speed of the rest [rad/s].
     state : str
-        What else is so, in a sentence; empty where nothing is.
+        Special conditions in a sentence; empty without any.
     """
 
     tilts: NDArray[np.complex128]

@@ -1,6 +1,6 @@
-"""What coils and motor hold: the torque of every part, the voltages, and what is left to saturation.
+"""The torque budget of holds: the torque of every part, the voltages, and the margins to saturation.
 
-With a recording, what was measured stands beside it, and what no part of the model explains.
+With a recording, the measured torques follow, and the part that the model does not explain.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.balance.parts import TorquePart, torque_parts
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.windows import Windows
 
 Array = NDArray[np.float64]
 
@@ -31,18 +31,18 @@ class HoldTorques:
     spin_rate : ndarray
         Spin rate [rad/s].
     parts : tuple of TorquePart
-        What every part of the machine asks of coils and motor [N m]; `predicted_coil` and `predicted_motor` less the
-        errors of actuators and readings.
+        Torque of coils and motor that every part of the machine requires [N m]; `predicted_coil` and `predicted_motor`
+        less the errors of actuators and readings.
     predicted_coil, predicted_motor : ndarray
-        What the readings of coils (complex, x + i y) and motor should be by the model [N m by the model's constants].
+        Predicted readings of coils (complex, x + i y) and motor [N m by the model's constants].
     measured_coil, measured_motor : ndarray or None
-        What they are; None without a recording.
+        Measured readings; None without a recording.
     coil_voltage : complex ndarray
         Mean voltage of the coils [V]; by the model without a recording.
     motor_voltage : ndarray
         Mean voltage of the motor [V]; by the model without a recording.
     coil_margin, motor_margin, tilt_margin : ndarray
-        What is left to the limit of the coils, of the supply and of the tilt, as a share of it.
+        Margin to the limit of the coils, of the supply and of the tilt, as a share of it.
     model : str
         Origin of the model: its file, or ``model``.
     recordings : tuple of str

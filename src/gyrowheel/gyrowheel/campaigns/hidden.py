@@ -22,11 +22,12 @@ from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT, EVENT_GAIN
 from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.selection import threshold
+from gyrowheel_analysis.fitting.fit import ERRORS, Term, candidate_terms, parameter_errors
 from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms, parameter_errors
 from gyrowheel_analysis.fitting.unknowns import Unknowns
-from gyrowheel_analysis.reduction import Samples, reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan

@@ -98,7 +98,7 @@ def check_text(text: str, origin: str, loaded: Bench) -> CheckedPlan:
 
 
 def _outlook(plan: Plan, bench: Bench) -> Outlook:
-    from gyrowheel_analysis.reduction import planned_windows
+    from gyrowheel_analysis.reduction.segmentation import planned_windows
     from gyrowheel_control.plans import demands
 
     segments, v = plan.segments, bench.value

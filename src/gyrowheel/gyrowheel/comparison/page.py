@@ -24,7 +24,7 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.diagnosis.result import Diagnosis
-    from gyrowheel_analysis.reduction import Coverage
+    from gyrowheel_analysis.reduction.coverage import Coverage
     from gyrowheel_analysis.residuals.dependence import PartDependence
     from gyrowheel_analysis.residuals.maps import ResidualMap, Span
     from gyrowheel_analysis.residuals.regions import Region

@@ -14,7 +14,7 @@ from gyrowheel.show.result import Result
 from gyrowheel_analysis.drag.notch import notched
 from gyrowheel_analysis.drag.stream import DragTest, recorded_holds
 from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
-from gyrowheel_analysis.reduction import NEEDED
+from gyrowheel_analysis.reduction.quality import NEEDED
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:

@@ -332,7 +332,7 @@ def _next(
             return False, "no known effect explains it, at any speed and tilt tried, and no simple formula"
         return True, "no known effect explains it, at any speed and tilt tried; the formula describes it"
     if found.verdict == "effect":
-        from gyrowheel_analysis.diagnosis.precision import precision_test
+        from gyrowheel_analysis.diagnosis.experiment_design import precision_test
 
         sharper = precision_test(recordings, model, found, averages=done.averages, progress=progress)
         if sharper is not None and fresh(sharper.plan):

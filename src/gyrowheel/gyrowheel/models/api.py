@@ -280,7 +280,7 @@ def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str
 def require_known(name: str) -> None:
     """Refuse a name that is neither an effect nor an air model nor the error of a bench parameter."""
     from gyrowheel_analysis.add import is_air
-    from gyrowheel_analysis.fitting.terms import ERRORS
+    from gyrowheel_analysis.fitting.fit import ERRORS
     from gyrowheel_sim.effects import get
 
     if name not in ERRORS and not is_air(name):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         Proof,
         TieReport,
     )
-    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
+    from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.regions import Region
     from gyrowheel_recording.mislabelled.fixes import WrongSetup

@@ -14,7 +14,8 @@ from gyrowheel.models.api import Model
 from gyrowheel.recordings.inputs import Fraction, Recordings, data, opened, require_one_machine
 from gyrowheel.show.result import Result
 from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
-from gyrowheel_analysis.reduction import Samples, reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_analysis.torques import HoldTorques, hold_torques
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan

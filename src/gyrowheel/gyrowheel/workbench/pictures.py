@@ -20,7 +20,7 @@ from gyrowheel.workbench.decimation import Envelope
 from gyrowheel.workbench.library import ROLES, Opened
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
-from gyrowheel_analysis.reduction.groups import UPRIGHT, octants
+from gyrowheel_analysis.reduction.windows import UPRIGHT, octants
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
 from gyrowheel_analysis.residuals.regions import regions
 from gyrowheel_analysis.residuals.windows import WindowResiduals

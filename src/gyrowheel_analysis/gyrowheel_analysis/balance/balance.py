@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.balance import laws
 from gyrowheel_analysis.balance.instruments import Instruments
 from gyrowheel_analysis.balance.laws import ActiveEffect
-from gyrowheel_analysis.balance.motion import Motion
-from gyrowheel_analysis.balance.quadrature import mean
+from gyrowheel_analysis.balance.motion import Motion, mean
 from gyrowheel_analysis.balance.ripple import RippleResponse
 from gyrowheel_analysis.balance.rows import measured_rows, predicted_rows
 from gyrowheel_analysis.balance.torques import (
@@ -32,7 +31,8 @@ from gyrowheel_analysis.balance.torques import (
     required_torques,
 )
 from gyrowheel_analysis.channels import GROUPS, in_groups, measurable
-from gyrowheel_analysis.reduction import MOTOR_THERMAL, Windows, without_noise
+from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
+from gyrowheel_analysis.reduction.windows import Windows, without_noise
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, TORQUE_PARAMETERS, added
@@ -71,7 +71,7 @@ class Balance:
         Temperatures and pressure that were never taken: the static errors of their instruments are those of what is
         assumed for them, by the part that each has of them (`Motion`).
     phase_error : float
-        How far off the angle may be from window to window [rad].
+        Uncertainty of the angle from window to window [rad].
 
     Attributes
     ----------
@@ -269,7 +269,7 @@ class Balance:
         Returns
         -------
         ndarray or None
-            None if the effect changes the motion itself, so that the state must be computed anew.
+            None if the effect changes the motion itself, so that the state must be computed again.
         """
         targets = {law.target for law in effect.laws}
         if targets & laws.ANEW:
@@ -313,7 +313,7 @@ class Balance:
         Returns
         -------
         ndarray or None
-            None if the parameters change the motion itself, so that the state must be computed anew.
+            None if the parameters change the motion itself, so that the state must be computed again.
         """
         by = {name: after[name] - value for name, value in before.items() if after[name] != value}
         if not by.keys() <= _QUICK:

@@ -1,4 +1,4 @@
-"""What the instruments make of the true motion and voltages, and how it is undone.
+"""The instruments' response to the true motion and voltages, and its inverse.
 
 A reading shows its quantity late and weakened by the filter before its converter, and the angle by which everything
 that turns is told apart has errors of its own. What turns with the shaft is told by its amplitude of
@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gyrowheel_analysis.reduction import HARMONICS, Windows
+from gyrowheel_analysis.reduction.windows import HARMONICS, Windows
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, added
 from gyrowheel_sim.instruments.response import held_response, smooth_response
 
@@ -23,14 +23,7 @@ Held = Literal["coil_voltage", "motor_voltage", "motor_current"]
 
 #: Parameters of instruments that change the motion that goes into the balance; the others turn rows alone.
 OF_MOTION = frozenset(
-    (
-        "tilt_delay",
-        "tilt_filter_time",
-        "spin_angle_delay",
-        "encoder_zero",
-        "tilt_cubic",
-        "tilt_cross_talk",
-    )
+    ("tilt_delay", "tilt_filter_time", "spin_angle_delay", "encoder_zero", "tilt_cubic", "tilt_cross_talk")
 )
 #: Of these, the ones that show in nothing but what turns with the shaft, the tilt's rate being small.
 _OF_HARMONICS = OF_MOTION - {"tilt_cubic", "tilt_cross_talk"}
@@ -103,7 +96,7 @@ class Instruments:
         )
 
     def phase(self, spin: Any) -> Any:
-        """Return by how much the true angle at a stamp is ahead of the reading [rad], its ripple aside."""
+        """Return the lead of the true angle at a stamp over the reading [rad], without its ripple."""
         return spin * self.values["spin_angle_delay"] - self.values["encoder_zero"]
 
     def smooth(self, channel: Smooth, order: float, spin: Any) -> Any:
@@ -143,7 +136,7 @@ class Instruments:
         return delay != 0.0 or time != 0.0
 
     def lateness(self, channel: str) -> float:
-        """Return by how much a reading shows what moves slowly late [s]."""
+        """Return the delay of a reading of slow motion [s]."""
         delay, time, order = self._chain(channel)
         return delay + order * time
 

@@ -1,6 +1,6 @@
 """The laws of the effects, evaluated at the instants of the windows and summed target by target.
 
-What a target does to the equations is said once, in `gyrowheel_sim.effects.targets`.
+The action of each target on the equations is declared once, in `gyrowheel_sim.effects.targets`.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from gyrowheel_sim.mechanics.dynamics import Joint
 #: Sum of the laws of every target that has one; of a target with a law for each flexure, a pair.
 Laws = Mapping[str, Any]
 
-#: Angles of a flexure where there is none.
+#: Angles of a flexure for laws that do not act on one.
 NO_JOINT = {"theta": 0.0, "theta_rate": 0.0, "axis": 1.0}
-#: What stands for the motion in laws that must not depend on it.
+#: Substitutes of the motion in laws that must not depend on it.
 AT_REST = {"z": 0.0j, "z_rate": 0.0j}
 
 #: Targets that change the tilt readings, and those that the inverse dynamics needs; all others are evaluated after it,
@@ -79,7 +79,7 @@ def evaluated(
     effects : sequence of ActiveEffect
         The effects.
     quantities : mapping
-        What the laws know, by the names of `effects.quantities`.
+        Quantities of the laws, by the names of `effects.quantities`.
     targets : frozenset of str
         The targets.
     joint : Joint, optional

@@ -1,4 +1,4 @@
-"""The measured motion: what the readings say at several instants and spin angles of every window."""
+"""The measured motion at several instants and spin angles of every window, and means over them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,67 @@ from copy import copy
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.instruments import Held, Instruments
-from gyrowheel_analysis.balance.quadrature import NODES, WEIGHTS, at_nodes, summed
-from gyrowheel_analysis.reduction import FORWARD, HARMONICS, MOTOR_THERMAL, Windows
+from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
+from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.quantities import REFERENCES
+
+Array = NDArray[np.float64]
+
+#: Nodes in x, the time from the middle of a window over half its duration, and their weights.
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(3)
+_ENDS = np.polynomial.polynomial.polyvander([1.0, -1.0], 2) @ np.linalg.inv(
+    np.polynomial.polynomial.polyvander(NODES, 2)
+)
+#: Difference between the ends of a window of what is known at the nodes.
+ACROSS = _ENDS[0] - _ENDS[1]
+
+
+def at_nodes(polynomial: Any, half: Any, derivative: int = 0) -> Any:
+    """Return polynomials in x, or a time derivative of them, at the nodes.
+
+    Parameters
+    ----------
+    polynomial : ndarray (n, ..., terms)
+        Coefficients over the last axis.
+    half : ndarray (n, 1)
+        Half the duration of each window [s].
+    derivative : int
+        Order of the derivative.
+
+    Returns
+    -------
+    ndarray (n, ..., nodes)
+    """
+    order = np.arange(polynomial.shape[-1])
+    factor = np.ones(polynomial.shape[-1])
+    for d in range(derivative):
+        factor = factor * (order - d)
+    powers = factor[:, None] * NODES ** np.maximum(order - derivative, 0)[:, None]
+    return polynomial @ powers / (half if polynomial.ndim == 2 else half[:, :, None]) ** derivative
+
+
+def summed(amplitudes: Any, wave: Any) -> Any:
+    """Return the sum (n, nodes, phases) of waves (harmonics, phases) with amplitudes (n, harmonics, nodes)."""
+    return np.swapaxes(amplitudes, 1, 2) @ wave
+
+
+def mean(values: Any, weights: Any) -> Any:
+    """Return the sum (n,) of values times weights of their own, both (n, nodes, phases)."""
+    return (values * weights).sum(axis=(1, 2))
+
+
+def amplitude(values: Any, weights: Any) -> Any:
+    """Return the sum (n,) of values (n, nodes, phases), or what broadcasts to it, times weights (nodes, phases)."""
+    if np.ndim(values) == 0:
+        return values * weights.sum() if values else 0.0
+    nodes, phases = weights.shape
+    values = np.broadcast_to(values, (len(values), nodes, phases))
+    return values.reshape(len(values), nodes * phases) @ weights.reshape(-1)
+
 
 _KEPT = 3  # motions that were undone: large arrays
 _PHASES = 12  # spin angles at least; the products of the harmonics kept reach the fifth
@@ -59,7 +114,7 @@ class Motion:
     instruments : Instruments
         The instruments whose doing is undone in it.
     quantities : dict
-        What the laws know beside the motion, see `effects.quantities`.
+        Quantities of the laws besides the motion, see `effects.quantities`.
     table_rate : ndarray (n, 1, 1)
         Rate of the table about the vertical [rad/s].
     """
@@ -193,7 +248,7 @@ class Motion:
         return first, second
 
     def quantities_at(self, rate: Any, values: Mapping[str, float]) -> dict[str, Any]:
-        """Return what the laws know but for the tilt, at a spin rate and on a bench of other values."""
+        """Return the quantities of the laws except the tilt, at a spin rate and for other values of the bench."""
         q = {**self.quantities, "Omega": rate}
         other = np.array([values[name] - self._bench.value(name) for name in MOTOR_THERMAL])
         warm = self._windows.motor_temperatures + self._windows.temperature_sensitivity @ other
@@ -202,7 +257,7 @@ class Motion:
         return self._surrounded(q, values) if self._assumed else q
 
     def _surrounded(self, q: dict[str, Any], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return what the laws know with temperatures and pressure less the error of what is assumed for them."""
+        """Return the quantities of the laws with temperatures and pressure corrected for the error of assumed ones."""
         warmer, denser = (
             values[name] - self._bench.value(name) for name in ("temperature_bias", "pressure_bias")
         )

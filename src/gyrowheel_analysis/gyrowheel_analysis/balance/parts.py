@@ -1,4 +1,4 @@
-"""What coils and motor hold, taken apart: the torque that each part of the bench and each effect asks of them.
+"""The torque budget: the torque of coils and motor that each part of the bench and each effect requires.
 
 At a given motion the required torques are linear in everything that acts: each flexure, each inertia, each law adds its
 own share. The shares therefore sum to the whole, in whatever order they are named; what one part does to the motion (a
@@ -13,7 +13,7 @@ from typing import Any
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.balance.laws import READING, ActiveEffect
-from gyrowheel_analysis.balance.quadrature import mean
+from gyrowheel_analysis.balance.motion import mean
 from gyrowheel_analysis.balance.torques import Instants, required_torques
 from gyrowheel_sim.effects.targets import INERTIAS, TORQUE_PARAMETERS
 
@@ -31,7 +31,7 @@ BENCH_PARTS: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class TorquePart:
-    """What one part of the machine asks of coils and motor, window by window.
+    """Torque of coils and motor that one part of the machine requires, window by window.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def effect_parts(
 
 
 def _readings(effects: Sequence[ActiveEffect]) -> list[ActiveEffect]:
-    """Return what falsifies a reading: it asks for nothing by itself, but the true motion follows only with it."""
+    """Return an error of a reading as a part: it causes no torque, but the true motion follows only with it."""
     return [_only(active, reading=True) for active in effects]
 
 

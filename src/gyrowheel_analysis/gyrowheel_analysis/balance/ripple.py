@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from gyrowheel_analysis.balance.motion import Motion
-from gyrowheel_analysis.balance.quadrature import summed
+from gyrowheel_analysis.balance.motion import Motion, summed
 from gyrowheel_analysis.balance.torques import Instants
-from gyrowheel_analysis.reduction import FORWARD, HARMONICS
+from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS
 
 #: An error of the ripple up to this is made good to first order [rad/s]. How the coils answer a ripple depends on the
 #: inertia, which is known to a part in a hundred at worst: what is left is some nN m.
@@ -31,7 +30,7 @@ _PARTS = tuple((place, unit) for _, place in _PAIRS for unit in (1.0, 1j))
 
 @dataclass(frozen=True)
 class RippleResponse:
-    """How coils and motor respond to a small change of the ripple, about one state.
+    """Response of coils and motor to a small change of the ripple, about one state.
 
     Attributes
     ----------
@@ -44,7 +43,7 @@ class RippleResponse:
     responses : tuple of (ndarray, ndarray)
         Derivatives of the torques of coils and motor by each part of the ripple [N m s/rad].
     steps : ndarray (n, nodes, parts, parts)
-        By how much the parts of the ripple must change for those of its error.
+        Change of the parts of the ripple that removes those of its error.
     """
 
     motion: Motion
@@ -120,7 +119,7 @@ class RippleResponse:
         return replace(at, ripple=at.ripple + change, coil=coil, motor=motor, rate=rate, weights=weights)
 
     def _missing(self, motor: Any, wanted: Any) -> Any:
-        """Return by how much the ripple must change, to first order, in the parts of `_real_parts`."""
+        """Return the change of the ripple, to first order, in the parts of `_real_parts`."""
         error = _real_parts(_error(self.motion, self.inertia, motor, wanted))
         return (self.steps @ error[..., None])[..., 0]
 

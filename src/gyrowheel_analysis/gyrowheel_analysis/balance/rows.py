@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance.quadrature import ACROSS, WEIGHTS, amplitude, mean
+from gyrowheel_analysis.balance.motion import ACROSS, WEIGHTS, amplitude, mean
 from gyrowheel_analysis.balance.torques import Instants
 from gyrowheel_analysis.channels import Channel, Quantity
-from gyrowheel_analysis.reduction import FORWARD, HARMONICS, Windows
+from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.targets import added, changed
 
@@ -43,7 +43,7 @@ def predicted_rows(
     Parameters
     ----------
     at : Instants
-        What the motion needs.
+        The required torques.
     values : mapping
         Bench parameters by name [SI].
     windows : Windows
@@ -125,7 +125,7 @@ class _Predicted:
         return changed(self.at.laws, self.values, "motor_resistance")
 
     def error(self, *readings: str) -> Any:
-        """Return what the laws add to a reading, or to two as x + i y [V, A]."""
+        """Return the contribution of the laws to a reading, or to two as x + i y [V, A]."""
         if not self.at.laws:
             return 0.0
         parts = [added(self.at.laws, self.values, "reading", reading) for reading in readings]
@@ -157,7 +157,7 @@ class _Predicted:
         return amplitude(self.error(reading), self.motion.ripple_weights)
 
     def coil_torque(self, channel: Channel) -> list[Array]:
-        """Return the torque that the voltages of the coils stand for, averaged or at an order of the spin rate."""
+        """Return the torque of the coils by their voltages, averaged or at an order of the spin rate."""
         error = self.bench.value("coil_constant") * self.error("coil_voltage_x", "coil_voltage_y")
         if channel.group == "average":
             average = mean(self.coil, self.at.weights)
@@ -171,7 +171,7 @@ class _Predicted:
         return _components(torque * self.motion.shown("coil_voltage", channel.order))
 
     def motor_torque(self, channel: Channel) -> list[Array]:
-        """Return the torque that the current of the motor stands for."""
+        """Return the torque of the motor by its current."""
         read = self.mean_current + self.mean_of(self.error("motor_current"))
         if late := self.instruments.lateness("motor_current"):
             current = self.at.motor.mean(axis=2) / self.values["motor_constant"]

@@ -1,4 +1,7 @@
-"""The torques that coils and motor must give, instant by instant, by exact inverse dynamics of the measured motion."""
+"""The torques of coils and motor that the measured motion requires, by exact inverse dynamics instant by instant.
+
+Effects that act on the tilt readings are evaluated along the measured motion.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,96 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gyrowheel_analysis.balance.laws import AFTER, AHEAD, AT_REST, INSTRUMENT, ActiveEffect, Laws, evaluated
+from gyrowheel_analysis.balance.laws import (
+    AFTER,
+    AHEAD,
+    AT_REST,
+    INSTRUMENT,
+    NO_JOINT,
+    READING,
+    ActiveEffect,
+    Laws,
+    evaluated,
+    laws_on,
+)
 from gyrowheel_analysis.balance.motion import Motion
-from gyrowheel_analysis.balance.sensor import tilt_reading_error
+from gyrowheel_sim.effects.law_code import array_law
+from gyrowheel_sim.effects.quantities import Omega, t, theta_z, z, z_rate
 from gyrowheel_sim.effects.targets import INERTIAS, TARGETS, TORQUE_PARAMETERS, added, changed
 from gyrowheel_sim.jit import compile_kernels
 from gyrowheel_sim.mechanics.dynamics import Joint, generalised_forces
 from gyrowheel_sim.mechanics.inverse import N_POINT
+
+#: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
+_STENCIL = 0.05
+_FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
+_SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
+_REPETITIONS = 3
+#: Quantities that change within a revolution.
+_MOVING = frozenset((z, z_rate, theta_z, Omega, t))
+
+
+def tilt_reading_error(
+    effects: Sequence[ActiveEffect],
+    q: Mapping[str, Any],
+    phi: Any,
+    tilt_rate: Any,
+    tilt_acc: Any,
+    acceleration: Any,
+    motion: Motion,
+) -> tuple[Any, Any, Any]:
+    """Return the contribution of the effects to the tilt readings, with its first and second derivative.
+
+    The laws see the true tilt, which is the reading less what they add: found by repetition. The derivatives are
+    taken along the motion, with what changes slowly held.
+
+    Parameters
+    ----------
+    effects : sequence of ActiveEffect
+        The effects.
+    q : mapping
+        Quantities of the laws except the tilt.
+    phi : complex ndarray
+        Tilt angles of the readings with the bench's own zero and scale taken out [rad].
+    tilt_rate, tilt_acc, acceleration : ndarray
+        Derivatives of the readings [rad/s], [rad/s²]; spin acceleration [rad/s²].
+    motion : Motion
+        The measured motion.
+    """
+    error: Any = 0.0j
+    first: Any = 0.0j
+    second: Any = 0.0j
+    for active, index, law in laws_on(effects, READING):
+        function = array_law(active.effect, index)
+        fixed = {**q, **active.values, **NO_JOINT}
+        moving = law.expression.free_symbols & _MOVING
+        if not moving:
+            error = error + function({**fixed, **AT_REST})
+            continue
+        step = _STENCIL / q["Omega"]
+        own: Any = 0.0j
+        rate: Any = 0.0j
+        acc: Any = 0.0j
+        for _ in range(_REPETITIONS if {z, z_rate} & moving else 1):
+            samples = []
+            for k in (-2, -1, 0, 1, 2):
+                h = k * step
+                at = phi - own + h * (tilt_rate - rate) + 0.5 * h**2 * (tilt_acc - acc)
+                there = {
+                    **fixed,
+                    "z": np.tan(at.real) + 1j * np.tan(at.imag),
+                    "z_rate": tilt_rate - rate + h * (tilt_acc - acc),
+                    "theta_z": motion.angle + k * _STENCIL + 0.5 * h**2 * acceleration,
+                    "t": fixed["t"] + h,
+                }
+                samples.append(np.broadcast_to(function(there), motion.shape))
+            stack = np.array(samples)
+            own = stack[2]
+            rate = np.tensordot(_FIRST, stack, 1) / step
+            acc = np.tensordot(_SECOND, stack, 1) / step**2
+        error, first, second = error + own, first + rate, second + acc
+    return error, first, second
+
 
 _KERNELS = (("gyrowheel_sim", "mechanics/dynamics.py"), ("gyrowheel_sim", "mechanics/inverse.py"))
 
@@ -28,7 +114,7 @@ class SpinAxis(NamedTuple):
 
 @dataclass(frozen=True)
 class Instants:
-    """What the measured motion needs at every instant of every window, for a state of the model.
+    """Torques that the measured motion requires at every instant of every window, for a state of the model.
 
     Arrays are (n, nodes, phases).
 
@@ -47,7 +133,7 @@ class Instants:
     laws : mapping
         Laws of the effects by target.
     quantities : dict
-        What the laws know.
+        Quantities of the laws.
     joint : Joint
         Angles of the flexures.
     axis : SpinAxis
@@ -73,7 +159,7 @@ class Instants:
 def required_torques(
     motion: Motion, values: Mapping[str, float], effects: Sequence[ActiveEffect], ripple: Any
 ) -> Instants:
-    """Return what the motion needs for a given ripple of the spin rate.
+    """Return the required torques for a given ripple of the spin rate.
 
     Parameters
     ----------
@@ -116,11 +202,7 @@ def required_torques(
     laws = {**evaluated(effects, q, AFTER, joint), **ahead, **evaluated(effects, q, INSTRUMENT)}
     own = bench_torques({name: changed(laws, values, name) for name in TORQUE_PARAMETERS}, rate, joint)
     forces = _forces(
-        joint,
-        axis,
-        q["z"],
-        added(laws, values, "across", start=own.across),
-        added(laws, values, "along"),
+        joint, axis, q["z"], added(laws, values, "across", start=own.across), added(laws, values, "along")
     )
     by_laws = flexure_laws(laws)
     need_x = joint.inertial[0] - (own.flexures[0] + by_laws[0]) - forces[0]
@@ -191,7 +273,7 @@ def _forces(joint: Joint, axis: SpinAxis, tilt: Any, across: Any, axial: Any) ->
 
 
 class _Points(NamedTuple):
-    """What `mechanics.inverse` gives at every instant: the rows of its output, in order."""
+    """Output of `mechanics.inverse` at every instant: its rows, in order."""
 
     tilt_x: Any
     tilt_y: Any

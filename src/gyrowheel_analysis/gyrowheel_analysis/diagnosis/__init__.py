@@ -1,1 +1,1 @@
-"""What a model lacks: selection of effects, unknown forms, design of the next test, precision."""
+"""Diagnosis of a model: selection of effects, events, unknown forms, proof, design of the next test."""

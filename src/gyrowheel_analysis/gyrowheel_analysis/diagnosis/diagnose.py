@@ -5,14 +5,14 @@ from __future__ import annotations
 import platform
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
 
 import numpy as np
 
 from gyrowheel_analysis.criteria import CHI2_RANGE, RIVAL_LOSS, SETTLING_SEPARATION, USEFUL_SEPARATION
 from gyrowheel_analysis.diagnosis.events import (
+    Found,
     as_events,
     drift_shapes,
     explain,
@@ -20,10 +20,6 @@ from gyrowheel_analysis.diagnosis.events import (
     with_sizes,
 )
 from gyrowheel_analysis.diagnosis.experiment_design import Planner, Separation, detection_limits
-from gyrowheel_analysis.diagnosis.instruments import (
-    instrument_findings,
-    is_instrument,
-)
 from gyrowheel_analysis.diagnosis.limits import beyond, unusual
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.result import (
@@ -33,6 +29,7 @@ from gyrowheel_analysis.diagnosis.result import (
     EffectFinding,
     Estimate,
     FreeForm,
+    InstrumentFinding,
     NextTest,
     NuisanceEstimate,
     Proof,
@@ -40,7 +37,7 @@ from gyrowheel_analysis.diagnosis.result import (
     TieReport,
     Verdict,
 )
-from gyrowheel_analysis.diagnosis.selection import Finding, select
+from gyrowheel_analysis.diagnosis.selection import Finding, Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import (
     Proposal,
     as_found,
@@ -49,20 +46,24 @@ from gyrowheel_analysis.diagnosis.unknown import (
     whole_exponents,
     with_exponents,
 )
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, candidate_terms
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import concatenate
+from gyrowheel_analysis.reduction.windows import concatenate
 from gyrowheel_analysis.residuals.error_table import errors_of
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.regions import regions
 from gyrowheel_analysis.residuals.windows import window_residuals
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.find import wrong_setups
-from gyrowheel_sim.effects import effect_to_mapping
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import effect_to_mapping, registry
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 from gyrowheel_sim.effects.user_defined_line import effect_to_line
+
+#: Channels of the instruments, as the parameters of the bench begin.
+_CHANNELS = ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")
 
 
 @one_thread()
@@ -85,7 +86,7 @@ def diagnose(
         The model that disagrees with them.
     validate : sequence of Recording
         Further recordings of the machine on which nothing is fitted; the error on them shows whether what was
-        found holds.
+        found is confirmed.
     averages : bool
         Whether to use averages over whole revolutions alone: for recordings in which filters hide what happens within
         one.
@@ -96,70 +97,77 @@ def diagnose(
     """
     began = clock.monotonic()
     say = progress or (lambda text: None)
-    paths = tuple(str(r.path) for r in recordings)
-
-    def insufficient(**facts: Any) -> Diagnosis:
-        return Diagnosis(
-            "insufficient_data",
-            recordings=paths,
-            model=model.origin,
-            seconds=clock.monotonic() - began,
-            versions=_versions(),
-            **facts,
-        )
-
+    paths = [str(r.path) for r in recordings]
     say("looking at the setup")
     if wrong := wrong_setups([*recordings, *validate], model.reference_bench, mixed=mixed):
-        return insufficient(windows=0, setup=tuple(wrong))
-    try:
-        first = prepare(recordings, model, validate=validate, harmonics=not averages, progress=progress)
-    except TooFewWindowsError as few:
-        return insufficient(windows=few.windows, coverage=few.coverage)
-    say("looking for missing effects")
+        found = Diagnosis("insufficient_data", 0, (), "", setup=tuple(wrong))
+    else:
+        try:
+            first = prepare(recordings, model, validate=validate, harmonics=not averages, progress=progress)
+        except TooFewWindowsError as few:
+            found = Diagnosis("insufficient_data", few.windows, (), "", coverage=few.coverage)
+        else:
+            say("looking for missing effects")
+            explanation = _explained(first, recordings, progress)
+            say("judging ties, limits and the next test")
+            found = _judged(explanation, paths, validate)
+    return replace(
+        found,
+        recordings=tuple(paths),
+        model=model.origin,
+        seconds=clock.monotonic() - began,
+        versions=_versions(),
+    )
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """The explanation of recordings: effects, an optional free form, and events."""
+
+    fitted: Prepared
+    selection: Selection
+    proposal: Proposal | None
+    happened: list[Found]
+
+    @property
+    def problem(self) -> Problem:
+        return self.fitted.problem
+
+    @property
+    def best(self) -> Fit:
+        return self.proposal.fit if self.proposal else self.selection.best
+
+
+def _explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> _Explanation:
+    """Return the explanation of recordings, with the noise that it leaves."""
     selection = select(first.problem, progress=progress)
     fitted = first.reweighed(selection.best)
     if fitted is not first:
         selection = select(fitted.problem, progress=progress)
     outcome = explain(fitted.problem, selection, recordings, progress)
-    selection, proposal = outcome.selection, outcome.proposal
-    fitted = replace(fitted, problem=outcome.problem)
+    fitted, proposal = replace(fitted, problem=outcome.problem), outcome.proposal
     if proposal is not None:
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
         proposal = settled(fitted.problem, proposal)
-    problem = fitted.problem
-    best = proposal.fit if proposal else selection.best
+    return _Explanation(fitted, outcome.selection, proposal, outcome.events)
+
+
+def _judged(explanation: _Explanation, paths: list[str], validate: Sequence[Recording]) -> Diagnosis:
+    """Return the facts of an explanation: error, ties, limits, proof, verdict and the next test."""
+    fitted, selection, proposal = explanation.fitted, explanation.selection, explanation.proposal
+    problem, best = explanation.problem, explanation.best
     before = problem.fit_within() if proposal or selection.findings else best
-    data = window_residuals(
-        problem.balances,
-        concatenate([b.windows for b in problem.balances]),
-        before.residual,
-        problem.noise.deviation(),
-    )
-    events = with_sizes(problem, best, outcome.events, paths)
-    shapes = drift_shapes(problem, best, outcome.events, paths)
+    windows = concatenate([b.windows for b in problem.balances])
+    data = window_residuals(problem.balances, windows, before.residual, problem.noise.deviation())
+    events = with_sizes(problem, best, explanation.happened, paths)
+    shapes = drift_shapes(problem, best, explanation.happened, paths)
     if fitted.validation is not None:
         events += unused_events(fitted.validation.problem, best, validate)
-    say("judging ties, limits and the next test")
     planner = Planner(problem, best)
-    if proposal:
-        findings = [_report(fitted, _beside(problem, proposal, t), best, planner) for t in proposal.kept]
-    else:
-        findings = [_report(fitted, f, best, planner) for f in selection.findings]
+    missing = [_beside(problem, proposal, t) for t in proposal.kept] if proposal else selection.findings
+    findings = [_report(fitted, f, best, planner) for f in missing]
     findings.sort(key=lambda f: -f.delta_chi2)
-    limits = [
-        DetectionLimit(
-            limit.term.name,
-            limit.term.effect.title if limit.term.effect else "",
-            limit.coefficient,
-            limit.value,
-            c.unit,
-            c.usual,
-        )
-        for limit in detection_limits(problem, best, candidate_terms(problem.bench), selection.inflation)
-        if limit.term.name not in problem.unknowns.known and limit.term.effect is not None
-        for c in limit.term.effect.coefficients
-        if c.name == limit.coefficient
-    ]
+    limits = _limits(problem, best, selection.inflation)
     errors = errors_of(before, best, fitted)
     null = selection.null if proposal is None else problem.fit(())
     unused = as_events(events, [str(recording.path) for recording in validate])
@@ -171,38 +179,46 @@ def diagnose(
     return Diagnosis(
         verdict=verdict,
         windows=fitted.windows,
+        recordings=(),
+        model="",
         effects=tuple(f for f in findings if not is_instrument(f.name)),
+        instruments=tuple(
+            wrong for f in findings if is_instrument(f.name) for wrong in _instruments(f, problem.bench)
+        ),
         free_form=(_free_form(proposal, problem),) if proposal else (),
         error=errors.table,
         where=tuple(regions(data, problem.bench)),
         next_test=_next_test(findings, limits, planner, verdict),
-        nuisance=nuisance_estimates(problem, best),
         limits=tuple(limits),
-        residuals=tuple(errors.residuals),
-        recordings=paths,
-        model=model.origin,
-        drift_scales=dict(problem.noise.scales),
-        seconds=clock.monotonic() - began,
-        versions=_versions(),
-        coverage=fitted.coverage,
         events=tuple(events),
-        beyond=tuple(far),
-        lack_of_fit=lack,
-        proof=proof,
         drift_shapes=tuple(shapes),
-        instruments=tuple(
-            wrong
-            for f in findings
-            if is_instrument(f.name)
-            for wrong in instrument_findings(f, problem.bench)
-        ),
         readings=readings.found,
         hum_unknown=readings.untold,
+        proof=proof,
+        beyond=tuple(far),
+        lack_of_fit=lack,
+        nuisance=nuisance_estimates(problem, best),
+        drift_scales=dict(problem.noise.scales),
+        residuals=tuple(errors.residuals),
+        coverage=fitted.coverage,
     )
 
 
+def _limits(problem: Problem, best: Fit, inflation: float) -> list[DetectionLimit]:
+    """Return the detection limits of the registered effects that the model does not have."""
+    return [
+        DetectionLimit(
+            limit.term.name, limit.term.effect.title, limit.coefficient, limit.value, c.unit, c.usual
+        )
+        for limit in detection_limits(problem, best, candidate_terms(problem.bench), inflation)
+        if limit.term.effect is not None and limit.term.name not in problem.unknowns.known
+        for c in limit.term.effect.coefficients
+        if c.name == limit.coefficient
+    ]
+
+
 def _beside(problem: Problem, proposal: Proposal, term: Term) -> Finding:
-    """Return an effect that stands beside a free form; what else could is not asked while something is unknown."""
+    """Return an effect next to a free form, without ties: while something is unknown they mean little."""
     without = problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
     return Finding(term, without.chi2 - proposal.fit.chi2, (), (), without)
 
@@ -220,19 +236,26 @@ def _verdict(
     if proposal is not None or any(b.kind == "impossible" for b in far):
         return "unknown"
     if findings:
-        # alone, an effect of any possible size may be what it is; several may only make up for another one
-        # (the zero of an encoder, or a delay, is set by whoever builds the bench)
-        odd = {b.name for b in far if b.kind == "unusual" and not is_instrument(b.name)}
-        # where something of a usual size is as likely, the tie is what is open
-        tied = {f.name for f in findings if any(not tie.unusual for tie in f.ties)}
-        if (odd and unexplained) or (odd - tied and len(findings) > 1):
-            return "unknown"
-        return "ambiguous" if any(f.ties for f in findings) else "effect"
+        return _verdict_of(findings, far, unexplained=unexplained)
     missed = proof.proven is False and proof.chi2_per_n > proof.allowed
     if unexplained or far or (missed and proof.reason not in ("unfixed", "event")):
         return "unknown"
     blind = bool(limits) and not any(limit.visible for limit in limits)
     return "insufficient_data" if blind or proof.proven is False else "nothing_missing"
+
+
+def _verdict_of(findings: list[EffectFinding], far: list[Beyond], *, unexplained: bool) -> Verdict:
+    """Return the verdict where effects were found.
+
+    Alone, an effect of any possible size may be what it is; of several, one may only make up for another. The zero of
+    an encoder, or a delay, is set by the builder of the bench: no size of it is unusual.
+    """
+    odd = {b.name for b in far if b.kind == "unusual" and not is_instrument(b.name)}
+    # where something of a usual size is as likely, the tie is what is open
+    tied = {f.name for f in findings if any(not tie.unusual for tie in f.ties)}
+    if (odd and unexplained) or (odd - tied and len(findings) > 1):
+        return "unknown"
+    return "ambiguous" if any(f.ties for f in findings) else "effect"
 
 
 def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> EffectFinding:
@@ -346,6 +369,46 @@ def _next_test(
         if best is not None:
             return NextTest(best[0].plan, best[0].expected, best[0].minutes, reveals=best[1])
     return None
+
+
+def is_instrument(name: str) -> bool:
+    """Whether a finding of this name is an instrument that is not as stated."""
+    effect = registry().get(name)
+    return effect is not None and effect.category == "instrument"
+
+
+def _instruments(finding: EffectFinding, bench: Bench) -> list[InstrumentFinding]:
+    """Return the findings of an instrument effect, one for each parameter."""
+    result = []
+    for law in registry()[finding.name].laws:
+        if law.target not in INSTRUMENT_PARAMETERS:
+            continue
+        (symbol,) = law.expression.free_symbols
+        estimate, stated = finding.coefficients[symbol.name], bench.value(law.target)
+        channel = _channel_of(law.target)
+        result.append(
+            InstrumentFinding(
+                name=finding.name,
+                channel=channel,
+                quantity=law.target.removeprefix(f"{channel}_"),
+                value=stated + estimate.value,
+                standard_error=estimate.standard_error,
+                stated=stated,
+                unit=bench.parameters[law.target].unit,
+                delta_chi2=finding.delta_chi2,
+                ties=finding.ties,
+                title=finding.effect_title,
+                sentence=finding.effect_sentence,
+            )
+        )
+    return result
+
+
+def _channel_of(parameter: str) -> str:
+    """Return the channel to which a parameter of an instrument belongs; the encoder reads the angle of the shaft."""
+    if parameter.startswith("encoder_"):
+        return "spin_angle"
+    return next(channel for channel in _CHANNELS if parameter.startswith(f"{channel}_"))
 
 
 def nuisance_estimates(problem: Problem, fit: Fit) -> dict[str, NuisanceEstimate]:

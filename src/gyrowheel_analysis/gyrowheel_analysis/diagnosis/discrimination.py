@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gyrowheel_analysis.channels import CHANNELS
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import ERRORS
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.residuals.error_table import channel_values
 from gyrowheel_recording.bags import Recording
@@ -19,7 +18,7 @@ from gyrowheel_recording.bags import Recording
 
 @dataclass(frozen=True)
 class Discrimination:
-    """How much one channel separates two explanations.
+    """Separation of two explanations by one channel.
 
     Attributes
     ----------
@@ -28,7 +27,7 @@ class Discrimination:
     title : str
         The same in words.
     delta_chi2 : float
-        By how much the second explanation is worse there than the first.
+        Excess of chi-squared of the second explanation over the first there.
     """
 
     part: str
@@ -40,7 +39,7 @@ class Discrimination:
 def discriminating_channels(
     recordings: Sequence[Recording], model: Model, name: str, rival: str
 ) -> list[Discrimination]:
-    """Return how much each channel separates an effect from another, the most separating channel first.
+    """Return the separation of an effect from another by each channel, the most separating channel first.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from gyrowheel_analysis.criteria import (
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import AFTER_TILT, TEMPERATURES, TOGETHER, Event, Kind, temperature
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_recording.bags.sampling import pauses
 
 _BREAKS = 28  # times at which a trend may begin or end
@@ -40,7 +40,7 @@ class Candidate:
     events : tuple of Event
         The change of every quantity, all with the same recording, kind and edges.
     gain : float
-        By how much they raise twice the log marginal likelihood.
+        Increase of twice the log marginal likelihood.
     score : float
         The gain less what chance alone brings somewhere among all places.
     spans : tuple of (float, float)
@@ -59,7 +59,7 @@ class Candidate:
 
     @property
     def quantities(self) -> tuple[str, ...]:
-        """What changes."""
+        """Names of the quantities that change."""
         return tuple(event.quantity for event in self.events)
 
 
@@ -70,13 +70,13 @@ class _Bursts(Profiles):
         super().__init__("burst", edges, np.zeros((0, 0)))
         self._first, self._last = first, last
 
-    def square(self, products: Array) -> Array:
+    def norms(self, products: Array) -> Array:
         total = np.zeros((len(products) + 1, len(products) + 1))
         total[1:, 1:] = products.cumsum(axis=0).cumsum(axis=1)
         a, b = self._first, self._last
         return total[b, b] - total[a, b] - total[b, a] + total[a, a]
 
-    def along(self, products: Array) -> Array:
+    def projections(self, products: Array) -> Array:
         total = np.concatenate([[0.0], products.cumsum()])
         return np.asarray(total[self._last] - total[self._first])
 
@@ -141,7 +141,7 @@ def places(problem: Problem) -> list[list[Profiles]]:
 
 
 def price(kind: Kind, of_recordings: Sequence[Sequence[Profiles]]) -> float:
-    """Return what chance brings among the places of a kind in all recordings."""
+    """Return the gain that chance brings among the places of a kind in all recordings."""
     return chance(
         kind, sum(len(profiles) for kinds in of_recordings for profiles in kinds if profiles.kind == kind)
     )

@@ -1,4 +1,4 @@
-"""Events in recordings: found, dated, and taken along in the fit, so that no effect is invented to explain them."""
+"""Events in recordings: found, dated, and made part of the fit, so that no effect is invented to explain them."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from gyrowheel_analysis.fitting.events import (
     Event,
     temperature,
 )
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import Term
-from gyrowheel_analysis.reduction import Windows, readable
 from gyrowheel_analysis.reduction.onset import onset
+from gyrowheel_analysis.reduction.quality import readable
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_recording.bags import Recording, parted
 
 Array = NDArray[np.float64]
 
 _MOST = 6
-_ROUNDS = 3  # of selecting effects beside events and looking for events beside effects
+_ROUNDS = 3  # of selecting effects given events and searching events given effects
 _FINE = 0.1  # s between the edges that are tried within windows
 _TIMES = 10_000  # at most that are tried for an edge
 _ENDS = 25  # times that are tried for each end of a trend
@@ -63,7 +63,7 @@ class Found:
     errors : tuple of float
         Standard errors of its edges [s].
     gain : float
-        By how much it raises twice the log likelihood.
+        Increase of twice the log likelihood.
     ties : tuple of str
         Other quantities that would serve.
     """
@@ -86,16 +86,16 @@ def all_of(found: Sequence[Found]) -> list[Event]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What recordings show: effects, perhaps a free form, and events.
+    """The explanation of recordings: effects, an optional free form, and events.
 
     Attributes
     ----------
     problem : Problem
-        With the events, and with what they do taken from the measured rows.
+        With the events, their contribution subtracted from the measured rows.
     selection : Selection
-        The effects beside the events.
+        The effects, given the events.
     proposal : Proposal or None
-        The free form beside them, if there is one.
+        The free form, if there is one.
     events : list of Found
         The events, in order of recording and time.
     """
@@ -119,10 +119,10 @@ class Outcome:
 def explain(
     problem: Problem, selection: Selection, recordings: Sequence[Recording], progress: Progress | None = None
 ) -> Outcome:
-    """Look for events, and for what effects or a free form are beside them.
+    """Search for events, and for effects or a free form given these events.
 
-    Events are accepted if together with what is found beside them they make the recordings likelier than effects and a
-    free form do without them.
+    Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
+    form do without events.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def explain(
         found = again
     if best.evidence > without.evidence:
         return without
-    # so that what is shown of the residual is without them
+    # so that the residual that is shown has no events
     cleared = best.problem.without_events(best.fit)
     selection = select(cleared)
     return Outcome(
@@ -169,14 +169,14 @@ def explain(
 
 
 def _beside(problem: Problem, found: list[Found]) -> Outcome:
-    """Return effects and free form beside events."""
+    """Return effects and free form, given events."""
     beside = problem.with_events(all_of(found)).with_drift_estimated()
     selection = select(beside)
     return Outcome(beside, selection, search(beside, selection), found)
 
 
 def find(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:
-    """Return the events that recordings show about a fit, the strongest first."""
+    """Return the events that recordings show in addition to a fit, the strongest first."""
     found: list[Found] = []
     while len(found) < _MOST:
         evidence = Evidence(problem.with_events(all_of(found)), fit)
@@ -237,14 +237,14 @@ def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
 
 
 def accepted(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:
-    """Return the events beside a fit that effects and free forms do not explain better (`explain`)."""
+    """Return the events that effects and free forms do not explain better (`explain`)."""
     if not find(problem, fit, recordings):
         return []
     return explain(problem, select(problem), recordings).events
 
 
 def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found]) -> Problem:
-    """Return a problem with events, and with what they do beside some terms taken from its measured rows."""
+    """Return a problem with events, whose contribution, given some terms, is subtracted from its measured rows."""
     if not found:
         return problem
     beside = problem.with_events(all_of(found)).with_drift_estimated()
@@ -326,7 +326,7 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
     if len(edges) > 1 and edges[1] <= edges[0]:
         return by_windows
     by_samples = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
-    # where a reading of the tilt jumps within a window, its fit of a smooth motion says less than the samples
+    # where a reading of the tilt jumps within a window, its fit of a smooth motion is worse than the samples
     less = 0.5 * by_windows.gain if first.quantity in MOTION else EVENT_SIMPLER
     return by_samples if by_samples.gain > by_windows.gain - less else by_windows
 
@@ -414,7 +414,7 @@ def _same(left: Sequence[Found], right: Sequence[Found]) -> bool:
 
 
 def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequence[str]) -> list[DatedEvent]:
-    """Return what happened at a time, with its sizes beside a fit."""
+    """Return the events at a time, with their sizes given a fit."""
     return [
         DatedEvent(
             recording=names[event.recording],
@@ -438,7 +438,7 @@ def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequen
 def drift_shapes(
     problem: Problem, fit: Fit, found: Sequence[Found], names: Sequence[str]
 ) -> list[DriftShape]:
-    """Return the shapes of drifts, with their sizes beside a fit."""
+    """Return the shapes of drifts, with their sizes given a fit."""
     result = []
     for own, event, size, error in _sizes(problem, fit, found):
         if event.kind in HAPPENS:

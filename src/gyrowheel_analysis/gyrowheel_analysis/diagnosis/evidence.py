@@ -1,8 +1,8 @@
-"""The evidence of recordings for a change at any time, of any quantity, beside all that may explain them otherwise.
+"""The evidence of recordings for a change of any quantity at any time, given every other explanation.
 
 A change in the middle of a recording looks like a slow drift that happens to move there. The two are compared by
 marginal likelihood with the size of the drift left free, so that neither passes for the other. What bench parameters
-and effects can explain is no event: all of them are regressors beside it.
+and effects can explain is no event: all of them are regressors next to it.
 
 For every place the likelihood needs the products of that event with itself and with the rows, once everything else is
 projected out. These are sums over the products of single windows, which are formed once for each quantity.
@@ -22,12 +22,12 @@ from scipy.linalg import solve_triangular
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import DRIFT_ENLARGED, SCATTER_EXCESS, SCATTER_WINDOWS
-from gyrowheel_analysis.fitting.drift import DriftCovariance
 from gyrowheel_analysis.fitting.events import QUANTITIES, Kind, unit_rows
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.noise import scale_cost
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.reduction.groups import SAME_SPEED
+from gyrowheel_analysis.fitting.variance import DriftCovariance
+from gyrowheel_analysis.reduction.windows import SAME_SPEED
 
 Array = NDArray[np.float64]
 
@@ -63,11 +63,11 @@ class Profiles:
     def __len__(self) -> int:
         return len(self.edges)
 
-    def square(self, products: Array) -> Array:
+    def norms(self, products: Array) -> Array:
         """Return the product of every event with itself."""
         return np.einsum("en,en->e", self._weights @ products, self._weights)
 
-    def along(self, products: Array) -> Array:
+    def projections(self, products: Array) -> Array:
         """Return the product of every event with the rows."""
         return np.asarray(self._weights @ products)
 
@@ -99,7 +99,7 @@ class _Block:
 
 
 class Evidence:
-    """Marginal likelihood of recordings beside everything that bench parameters and effects can explain.
+    """Marginal likelihood of recordings, given everything that bench parameters and effects can explain.
 
     Parameters
     ----------
@@ -120,9 +120,9 @@ class Evidence:
         self._rows, self._columns = rows, problem.noise.beside_events(columns)
         self._states: dict[tuple[float, ...], _State] = {}
         self._units: dict[tuple[str, int, float | None], dict[int, Array]] = {}
-        self._loudness = np.ones(len(rows))
-        self._among: dict[tuple[int, float], Array] = {}
-        self._loudness = self._louder(self.state(self.scales).left())
+        self._noise_factor = np.ones(len(rows))
+        self._mutual: dict[tuple[int, float], Array] = {}
+        self._noise_factor = self._noise_factors(self.state(self.scales).residual())
         self._states.clear()
 
     def state(self, scales: Mapping[str, float]) -> _State:
@@ -130,7 +130,7 @@ class Evidence:
         key = tuple(scales.values())
         if key not in self._states:
             self._states[key] = _State.of(
-                self._blocks, self._rows, self._columns, scales, self._loudness, self._among
+                self._blocks, self._rows, self._columns, scales, self._noise_factor, self._mutual
             )
         return self._states[key]
 
@@ -141,13 +141,9 @@ class Evidence:
             yield self.scales | {name: self.scales[name] ** float(share) for name in drifts}
 
     def gains(
-        self,
-        quantities: Sequence[str],
-        recording: int,
-        courses: Sequence[Profiles],
-        lag: float | None = None,
+        self, quantities: Sequence[str], recording: int, courses: Sequence[Profiles], lag: float | None = None
     ) -> list[Array]:
-        """Return by how much events raise twice the log likelihood, each with the drifts that suit it best.
+        """Return the increase of twice the log likelihood by each event, with the drifts that suit it best.
 
         Parameters
         ----------
@@ -168,9 +164,9 @@ class Evidence:
         for scales in self.paths(tuple(drifts)):
             state = self.state(scales)
             above = without - state.cost - scale_cost(scales)
-            squares, along = state.of_windows(units, count)
+            mutual, with_rows = state.of_windows(units, count)
             for own, profiles in zip(best, courses, strict=True):
-                np.maximum(own, above + _gained(squares, along, profiles), out=own)
+                np.maximum(own, above + _gained(mutual, with_rows, profiles), out=own)
         return best
 
     def limit(self, quantities: Sequence[str], recording: int, profiles: Profiles, gain: float) -> float:
@@ -189,8 +185,8 @@ class Evidence:
         """
         count = len(self.problem.balances[recording].windows)
         units = [self._unit(quantity, recording) for quantity in quantities]
-        squares, _ = self.state(self.scales).of_windows(units, count)
-        m = [[float(profiles.square(own)[0]) for own in line] for line in squares]
+        mutual, _ = self.state(self.scales).of_windows(units, count)
+        m = [[float(profiles.norms(own)[0]) for own in line] for line in mutual]
         known, size = np.array(m), np.ones(len(m))
         with_one = float(size @ known @ np.linalg.solve(np.eye(len(m)) + known, known @ size))
         return math.sqrt((gain + float(np.linalg.slogdet(np.eye(len(m)) + known)[1])) / with_one)
@@ -208,8 +204,8 @@ class Evidence:
             }
         return self._units[key]
 
-    def _louder(self, left: Array) -> Array:
-        """Return by how much more than known the rows scatter from window to window, in groups of windows.
+    def _noise_factors(self, left: Array) -> Array:
+        """Return the scatter of the rows from window to window over the known noise, in groups of windows.
 
         A change in the middle moves two neighbours apart, not all of them: it is no scatter.
         """
@@ -257,13 +253,13 @@ def _groups(balance: Balance) -> Iterator[NDArray[np.int64]]:
     yield from np.split(order, edges)
 
 
-def _gained(squares: Sequence[Sequence[Array]], along: Sequence[Array], profiles: Profiles) -> Array:
-    """Return by how much events of one or two quantities raise twice the log likelihood, the drifts as they are."""
-    b = [profiles.along(own) for own in along]
-    xx = 1.0 + profiles.square(squares[0][0])
+def _gained(mutual: Sequence[Sequence[Array]], with_rows: Sequence[Array], profiles: Profiles) -> Array:
+    """Return the increase of twice the log likelihood by events of one or two quantities, for given drifts."""
+    b = [profiles.projections(own) for own in with_rows]
+    xx = 1.0 + profiles.norms(mutual[0][0])
     if len(b) == 1:
         return np.asarray(b[0] ** 2 / xx - np.log(xx))
-    xy, yy = profiles.square(squares[0][1]), 1.0 + profiles.square(squares[1][1])
+    xy, yy = profiles.norms(mutual[0][1]), 1.0 + profiles.norms(mutual[1][1])
     determinant = xx * yy - xy**2
     gained = (yy * b[0] ** 2 - 2.0 * xy * b[0] * b[1] + xx * b[1] ** 2) / determinant
     return np.asarray(gained - np.log(determinant))
@@ -274,35 +270,36 @@ class _Products(NamedTuple):
 
     Attributes
     ----------
-    among : ndarray (n, n) or (n,)
+    mutual : ndarray (n, n) or (n,)
         With each other; the diagonal alone where the rows are independent.
-    along : ndarray (n,)
+    with_rows : ndarray (n,)
         With the rows.
-    image : ndarray (p, n)
+    with_regressors : ndarray (p, n)
         With the regressors.
     """
 
-    among: Array
-    along: Array
-    image: Array
+    mutual: Array
+    with_rows: Array
+    with_regressors: Array
 
 
 @dataclass(frozen=True)
 class _State:
     """Rows whitened for some scales of the drifts, with what the regressors explain of them.
 
-    `images` and `image` give the products of any two columns beside the regressors: their scalar product less that
-    of their images. `among` has `_Products.among` of all states, by the number of the block and the scale of its drift.
+    `projection` and `projected_rows` give the products of any two columns beyond the regressors: their scalar product
+    minus that of their projections. `mutual` caches `_Products.mutual` of all states, by the number of the block and
+    the scale of its drift.
     """
 
     blocks: Sequence[_Block]
     scales: Mapping[str, float]
-    loudness: Array
+    noise_factor: Array
     rows: Array
-    images: Array
-    image: Array
+    projection: Array
+    projected_rows: Array
     cost: float
-    among: dict[tuple[int, float], Array]
+    mutual: dict[tuple[int, float], Array]
     known: dict[int, _Products] = field(default_factory=dict)
 
     @classmethod
@@ -312,8 +309,8 @@ class _State:
         rows: Array,
         columns: Array,
         scales: Mapping[str, float],
-        loudness: Array,
-        among: dict[tuple[int, float], Array],
+        noise_factor: Array,
+        mutual: dict[tuple[int, float], Array],
     ) -> _State:
         parts, at, log_det = [], 0, 0.0
         both = np.column_stack([columns, rows])
@@ -322,18 +319,18 @@ class _State:
             parts.append(block.covariance.whiten(both[at : at + len(block.covariance)], scale))
             log_det += block.covariance.log_determinant(scale)
             at += len(block.covariance)
-        white = np.concatenate(parts) / loudness[:, None]
+        white = np.concatenate(parts) / noise_factor[:, None]
         design, target = white[:, :-1], white[:, -1]
         root = np.linalg.cholesky(design.T @ design + np.eye(design.shape[1]))
-        images = solve_triangular(root, design.T, lower=True, check_finite=False)
-        image = images @ target
+        projection = solve_triangular(root, design.T, lower=True, check_finite=False)
+        projected_rows = projection @ target
         log_det += 2.0 * float(np.log(np.diag(root)).sum())
-        cost = log_det + float(target @ target - image @ image)
-        return cls(blocks, scales, loudness, target, images, image, cost, among)
+        cost = log_det + float(target @ target - projected_rows @ projected_rows)
+        return cls(blocks, scales, noise_factor, target, projection, projected_rows, cost, mutual)
 
-    def left(self) -> Array:
-        """Return what the regressors leave of the rows (N,)."""
-        return self.rows - self.images.T @ self.image
+    def residual(self) -> Array:
+        """Return the rows (N,) without their projection on the regressors."""
+        return self.rows - self.projection.T @ self.projected_rows
 
     def of_windows(
         self, units: Sequence[Mapping[int, Array]], count: int
@@ -342,9 +339,9 @@ class _State:
 
         `units` has the rows of every quantity by the number of the block; `count` is the number of windows.
         """
-        squares = [[np.zeros((count, count)) for _ in units] for _ in units]
-        along = [np.zeros(count) for _ in units]
-        image = [np.zeros((len(self.image), count)) for _ in units]
+        mutual = [[np.zeros((count, count)) for _ in units] for _ in units]
+        with_rows = [np.zeros(count) for _ in units]
+        with_regressors = [np.zeros((len(self.projected_rows), count)) for _ in units]
         at = 0
         for index, block in enumerate(self.blocks):
             here = slice(at, at + len(block.covariance))
@@ -356,34 +353,38 @@ class _State:
             for i, left in enumerate(own):
                 if left is None:
                     continue
-                along[i] += left * known.along
-                image[i] += left * known.image
+                with_rows[i] += left * known.with_rows
+                with_regressors[i] += left * known.with_regressors
                 for j, right in enumerate(own[i:], i):
                     if right is None:
                         continue
-                    if known.among.ndim == 1:
-                        np.einsum("nn->n", squares[i][j])[:] += left * known.among * right
+                    if known.mutual.ndim == 1:
+                        np.einsum("nn->n", mutual[i][j])[:] += left * known.mutual * right
                     else:
-                        squares[i][j] += left[:, None] * known.among * right
-        for i, left in enumerate(image):
-            along[i] -= left.T @ self.image
-            for j, right in enumerate(image[i:], i):
-                squares[i][j] -= left.T @ right
+                        mutual[i][j] += left[:, None] * known.mutual * right
+        for i, left in enumerate(with_regressors):
+            with_rows[i] -= left.T @ self.projected_rows
+            for j, right in enumerate(with_regressors[i:], i):
+                mutual[i][j] -= left.T @ right
                 if j > i:
-                    squares[j][i] = squares[i][j].T
-        return squares, along
+                    mutual[j][i] = mutual[i][j].T
+        return mutual, with_rows
 
     def _products(self, index: int, block: _Block, here: slice) -> _Products:
         """Return the products of changes of one unit in the windows of a block."""
         if index not in self.known:
-            images, rows, loudness = self.images[:, here], self.rows[here], self.loudness[here]
+            projection, rows, noise_factor = (
+                self.projection[:, here],
+                self.rows[here],
+                self.noise_factor[here],
+            )
             if isinstance(block.covariance, _White):
-                weight = 1.0 / (block.covariance.deviation * loudness)
-                self.known[index] = _Products(weight**2, weight * rows, images * weight)
+                weight = 1.0 / (block.covariance.deviation * noise_factor)
+                self.known[index] = _Products(weight**2, weight * rows, projection * weight)
             else:
                 scale = self.scales.get(block.drift, 1.0)
-                pulses = block.covariance.whiten(np.eye(len(rows)), scale) / loudness[:, None]
-                if (index, scale) not in self.among:
-                    self.among[index, scale] = pulses.T @ pulses
-                self.known[index] = _Products(self.among[index, scale], rows @ pulses, images @ pulses)
+                pulses = block.covariance.whiten(np.eye(len(rows)), scale) / noise_factor[:, None]
+                if (index, scale) not in self.mutual:
+                    self.mutual[index, scale] = pulses.T @ pulses
+                self.known[index] = _Products(self.mutual[index, scale], rows @ pulses, projection @ pulses)
         return self.known[index]

@@ -1,4 +1,4 @@
-"""Experiment design: detection limits of recordings, and the plan that separates two terms best per minute."""
+"""Experiment design: detection limits, the plan that separates two terms best, the test that improves precision."""
 
 from __future__ import annotations
 
@@ -11,17 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.criteria import SETTLING_SEPARATION, VARIATION_BETTER
+from gyrowheel_analysis.criteria import PRECISE, SETTLING_SEPARATION, VARIATION_BETTER, WORTHWHILE
+from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
 from gyrowheel_analysis.diagnosis.selection import threshold
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, Term
+from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.fitting.unknowns import Unknowns
-from gyrowheel_analysis.reduction import planned_windows
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_control.plans.variation import MARK
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording
+from gyrowheel_sim.effects import registry
 
 Array = NDArray[np.float64]
 
@@ -55,7 +59,7 @@ _KEPT = 64  # plans, those of two or three benches
 
 @dataclass(frozen=True)
 class Separation:
-    """How well a plan, in addition to the present recordings, would separate two terms.
+    """Expected separation of two terms by a plan in addition to the present recordings.
 
     Attributes
     ----------
@@ -113,7 +117,7 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
         tuple(unknowns.assumed.items()),
         unknowns,
     )
-    # what a model has already acts in the plan as well, and its declarations have no name that tells them apart
+    # effects of the model act in the plan as well, and their declarations have no distinguishing name
     plain = not (unknowns.known or unknowns.declared)
     found = _planned(asked) if plain else _planned.__wrapped__(asked)
     if found is None:
@@ -148,7 +152,7 @@ class Planner:
     problem : Problem
         The present recordings.
     fit : Fit
-        What they say so far.
+        The fit to them.
     """
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
@@ -158,7 +162,7 @@ class Planner:
         self._seen: tuple[Fit, Fit, Array, Array, float] | None = None
 
     def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
-        """Return by how much a plan, in addition to the present recordings, would make `rival` worse than `truth`.
+        """Return the expected excess of `rival` over `truth` with a plan in addition to the present recordings.
 
         Parameters
         ----------
@@ -168,7 +172,7 @@ class Planner:
             Name of a plan; of the bench's own one where there is one, say ``dtg_cone`` for ``cone``.
         """
         own = f"{self._problem.bench.name}_{plan}"
-        # a bench of other speeds has plans of its own
+        # a bench with other speeds has its own plans
         plan = own if own.partition(MARK)[0] in Plan.shipped() else plan
         if plan not in self._planned:
             self._planned[plan] = planned(self._problem, plan)
@@ -187,13 +191,13 @@ class Planner:
         return Separation(plan, max(expected, 0.0), minutes)
 
     def _present(self, truth: Fit, rival: Fit) -> tuple[Array, Array, float]:
-        """Return what the present recordings and the priors say of two fits.
+        """Return the difference of two fits by the present recordings and the priors.
 
         Returns
         -------
         ndarray (unknowns, unknowns), ndarray (unknowns,), float
             Derivatives by the unknowns of `rival` and the difference of the two, both in the space that the former
-            span, and the square of the difference beside that space. All plans have them in common.
+            span, and the square of the difference outside of it. They are common to all plans.
         """
         if self._seen is not None and self._seen[0] is truth and self._seen[1] is rival:
             return self._seen[2:]
@@ -260,7 +264,7 @@ class Limit:
 
 
 def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflation: float) -> list[Limit]:
-    """Return the detection limit of every term that is not in the fit, all else fitted along."""
+    """Return the detection limit of every term that is not in the fit, all else being estimated."""
     basis = problem.basis(fit)
     at = problem.measured - fit.residual
     limits = []
@@ -275,3 +279,117 @@ def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflatio
             norm = float(np.linalg.norm(columns[:, index]))
             limits.append(Limit(term, name, needed / norm if norm > 0.0 else math.inf))
     return limits
+
+
+@dataclass(frozen=True)
+class PrecisionTest:
+    """A test that would improve the precision of a finding.
+
+    Attributes
+    ----------
+    effect : str
+        The effect.
+    plan : str
+        The test.
+    now, expected : float
+        Relative standard error of its best known amplitude, now and after the test.
+    minutes : float
+        Length of the plan.
+    """
+
+    effect: str
+    plan: str
+    now: float
+    expected: float
+    minutes: float
+
+
+def relative_error(finding: EffectFinding) -> float:
+    """Return the relative standard error of an effect's best known amplitude."""
+    effect = registry().get(finding.name)
+    shapes = {c.name for c in effect.shapes} if effect else set()
+    return min(
+        (
+            abs(e.standard_error / e.value) if e.value else np.inf
+            for key, e in finding.coefficients.items()
+            if key not in shapes
+        ),
+        default=0.0,
+    )
+
+
+@one_thread()
+def precision_test(
+    recordings: Sequence[Recording],
+    model: Model,
+    diagnosis: Diagnosis,
+    *,
+    wanted: float = PRECISE,
+    averages: bool = False,
+    progress: Progress | None = None,
+) -> PrecisionTest | None:
+    """Return the shortest test that brings the least certain finding to the wanted precision; None if none helps.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        The recordings that were diagnosed.
+    model : Model
+        The model that was diagnosed.
+    diagnosis : Diagnosis
+        Their diagnosis.
+    wanted : float
+        Relative standard error that is good enough.
+    averages : bool
+        Whether to use averages over whole revolutions alone, as the diagnosis did.
+    """
+    loose = [f for f in diagnosis.effects if relative_error(f) > wanted]
+    if not loose:
+        return None
+    weakest = max(loose, key=relative_error)
+    problem = prepare(recordings, model, harmonics=not averages, progress=progress).problem
+    if progress:
+        progress("finding the test that improves the precision most")
+    fit = problem.fit([problem.unknowns.term(name) for name in diagnosis.ties])
+    now = _relative(fit, weakest.name, fit.covariance)
+    tests = []
+    for plan in (*SEPARATING_PLANS, *VARIED_PLANS):
+        found = _with_plan(problem, fit, plan)
+        if found is not None:
+            covariance, minutes = found
+            tests.append(
+                PrecisionTest(weakest.name, plan, now, _relative(fit, weakest.name, covariance), minutes)
+            )
+    enough = [t for t in tests if t.expected <= wanted]
+    if enough:
+        return min(enough, key=lambda t: t.minutes)
+    useful = [t for t in tests if t.expected < (1.0 - WORTHWHILE) * now]
+    return max(useful, key=lambda t: (t.now - t.expected) / t.minutes, default=None)
+
+
+def _relative(fit: Fit, term: str, covariance: NDArray[np.float64]) -> float:
+    """Return the relative standard error of a term's best known amplitude."""
+    amplitudes = [c for t in fit.terms if t.name == term for c in t.amplitudes]
+    errors = []
+    for name in amplitudes:
+        index = len(fit.nuisance) + fit.columns.index((term, name))
+        value = abs(fit.coefficients[term][name])
+        errors.append(float(np.sqrt(covariance[index, index])) / value if value > 0.0 else np.inf)
+    return min(errors)
+
+
+def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float64], float] | None:
+    """Return the covariance after a plan in addition to the present recordings, and its length in minutes."""
+    found = planned(problem, name)
+    if found is None or not len(found[0].measured):
+        return None
+    other, minutes = found
+    jacobian = other.jacobian(fit, other.predict(fit))
+    inverse, _ = problem.unknowns.prior(fit.terms)
+    parts = [problem.noise.whiten(fit.jacobian), other.noise.whiten(jacobian), np.diag(inverse)]
+    design = np.vstack(parts)
+    size = np.linalg.norm(design, axis=0)
+    size[size == 0.0] = 1.0
+    scaled = design / size
+    covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(size, size)
+    return covariance, minutes

@@ -1,4 +1,4 @@
-"""What is possible, and what is usual: the limits within which a finding is an explanation."""
+"""Plausibility: limits of possible and usual values within which a finding is an explanation."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 
 from gyrowheel_analysis.criteria import FAR_FROM_STATED, FAR_FROM_USUAL, FAR_RELATIVE_ERROR, MARGIN
 from gyrowheel_analysis.diagnosis.result import Beyond
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.parameter import physical_range
@@ -22,7 +21,7 @@ _AT_BOUND = 1.0e-6  # of the width of the range that a fit searches
 def is_possible(fit: Fit, term: Term) -> bool:
     """Whether the coefficients of a term in a fit are possible: within what physics and its declaration allow.
 
-    A coefficient that the fit has driven to the end of the range that it searches is none: it would go farther.
+    A coefficient at the end of the range that the fit searches is not possible: it would go farther.
     """
     if term.effect is None:
         low, high = Unknowns.bounds(term, "relative_error")
@@ -54,12 +53,12 @@ def _size(fit: Fit, term: Term) -> tuple[float, float]:
 
 
 def beyond(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
-    """Return what of a fit is impossible or far beyond what is usual, the gravest first.
+    """Return the values of a fit that are impossible or far from usual, the gravest first.
 
     Parameters
     ----------
     problem : Problem
-        What was fitted.
+        The fitted problem.
     fit : Fit
         The fit.
     terms : sequence of Term
@@ -73,7 +72,7 @@ def beyond(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
 
 
 def unusual(fit: Fit, term: Term) -> list[Beyond]:
-    """Return what of a term in a fit is far beyond what is usual."""
+    """Return the coefficients of a term in a fit that are far from usual."""
     if term.effect is None:
         value = fit.coefficients[term.name]["relative_error"]
         margin = MARGIN * fit.standard_error(term.name, "relative_error")
@@ -95,7 +94,7 @@ def unusual(fit: Fit, term: Term) -> list[Beyond]:
 
 
 def _parameters(problem: Problem, fit: Fit) -> list[Beyond]:
-    """Return what is wrong with the bench parameters, one a group: its members move together."""
+    """Return implausible bench parameters, one a group: its members move together."""
     result = []
     values = problem.unknowns.values(fit)
     for index, (group, parameters) in enumerate(problem.unknowns.nuisances):

@@ -24,12 +24,11 @@ from gyrowheel_analysis.criteria import (
     VAGUE_PREDICTION,
 )
 from gyrowheel_analysis.diagnosis.result import Left, Proof, Reason
-from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, inverse_of, threshold
+from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, left_out, threshold
 from gyrowheel_analysis.fitting.events import Event
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, error_row, floor_row
 
 Array = NDArray[np.float64]
@@ -38,7 +37,7 @@ _BLOCKS = 4  # of time, where there are too few speeds and directions to leave o
 
 
 def lack_of_fit(problem: Problem, fit: Fit) -> float:
-    """Return by how many of its standard deviations chi-squared of a fit is above what noise can explain."""
+    """Return the excess of chi-squared of a fit over its expectation, in standard deviations."""
     free = sum(len(term.coefficients) for term in fit.terms)
     expected = max(expected_chi2(problem) - free, 1.0)
     return (fit.chi2_rows - expected) / _deviation(expected)
@@ -157,7 +156,7 @@ def _validated(prepared: Prepared, best: Fit, table: ErrorTable, happened: Seque
 
 
 def _labels(problem: Problem, fit: Fit) -> list[str]:
-    """Return what each unknown of a fit is called."""
+    """Return the names of the unknowns of a fit."""
     loose = [f"{effect} {key}" for effect, key, _ in problem.unknowns.loose]
     registered = {t.name for t in fit.terms if t.effect is None or t.name in problem.unknowns.library}
     terms = [
@@ -186,7 +185,7 @@ def _unfixed(problem: Problem, best: Fit, seen: _Prediction) -> tuple[str, ...]:
 def _misfit(
     problem: Problem, other: Problem, best: Fit, seen: _Prediction, name: str, shown: dict[str, Any]
 ) -> Proof:
-    """Return what a misfit beyond the uncertainty of the prediction looks like."""
+    """Return the proof for a misfit beyond the uncertainty of the prediction, with its likeliest cause."""
     excess = seen.judged - seen.count
     left = seen.solved(seen.white)
     slopes = seen.solved(seen.slopes)
@@ -224,7 +223,7 @@ def _there(problem: Problem, best: Fit, k: int, step: float) -> tuple[float | No
 def _resembling(problem: Problem, other: Problem, best: Fit, seen: _Prediction) -> tuple[Term | None, float]:
     """Return the term that fit and validation together look like most, and the share of their misfit it accounts for.
 
-    What is missing in the fit has bent its parameters, so that the validation alone does not show what it is.
+    A missing effect has biased the parameters of the fit, so that the validation alone does not identify it.
     """
     white = problem.noise.whiten
     inverse, _ = problem.unknowns.prior(best.terms)
@@ -301,13 +300,13 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
         )
         if proven:
             return tried[-1]
-    # a part that does not fit is told before one that says nothing
+    # a misfit is reported before a prediction without gain
     tried.sort(key=lambda proof: proof.reason != "misfit")
     return tried[0] if tried else Proof(name, None, "not_tried")
 
 
 def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
-    """Return what can be left out in turn, as masks over all rows; each kind covers all of them."""
+    """Return the parts that can be left out in turn, as masks over all rows; each kind covers all of them."""
     found: dict[Left, list[NDArray[np.bool_]]] = {}
     own = groups(problem)
     kinds: tuple[Left, ...] = ("recording", "speed", "azimuth")
@@ -338,18 +337,12 @@ def _predicted(problem: Problem, fit: Fit, parts: Sequence[NDArray[np.bool_]]) -
     rows, left, chi2 = fit.residual.copy(), white.copy(), 0.0
     variance = problem.noise.deviation() ** 2
     for mask in parts:
-        part, rest = design[mask], design[~mask]
-        kept = rest.T @ rest + np.diag(inverse**2)
-        # the residual belongs to the full fit, whose pulls balance its gradient
-        covariance = inverse_of(kept)
-        shift = covariance @ (part.T @ white[mask])
-        own = white[mask] + part @ shift
-        slope = part.T @ own
-        chi2 += float(own @ own - slope @ inverse_of(kept + part.T @ part) @ slope)
+        part = left_out(design, white, inverse, mask)
+        chi2 += part.chi2
         slopes = fit.jacobian[mask]
-        rows[mask] += slopes @ shift
-        variance[mask] += np.einsum("ij,ij->i", slopes @ covariance, slopes)
-        left[mask] = own
+        rows[mask] += slopes @ part.shift
+        variance[mask] += np.einsum("ij,ij->i", slopes @ part.covariance, slopes)
+        left[mask] = part.residual
     return _Predicted(rows, left, np.sqrt(variance), chi2)
 
 
@@ -362,10 +355,7 @@ def _channel(before: ErrorRow, after: ErrorRow, floor: ErrorRow, *, found: bool)
     def size(row: ErrorRow, name: str) -> float:
         return row.channels[name].rms / (floor.channels[name].rms or 1.0)
 
-    most = max(
-        names,
-        key=lambda n: size(before, n) ** 2 - size(after, n) ** 2 if found else size(after, n),
-    )
+    most = max(names, key=lambda n: size(before, n) ** 2 - size(after, n) ** 2 if found else size(after, n))
     return {
         "channel": most,
         "before": before.channels[most].rms,

@@ -12,7 +12,7 @@ from gyrowheel_analysis.reduction.coverage import Coverage
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.fitting.events import Kind
-    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
+    from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
     from gyrowheel_analysis.residuals.growth import Growth
     from gyrowheel_analysis.residuals.regions import Region
@@ -39,11 +39,11 @@ class TieReport:
     Attributes
     ----------
     name : str
-        The term: an effect, or the error of a bench parameter (see `fitting.terms.ERRORS`).
+        The term: an effect, or the error of a bench parameter (see `fitting.fit.ERRORS`).
     effect_title : str
         Title of the effect; empty for the error of a bench parameter.
     delta_chi2 : float
-        By how much it is worse.
+        Excess of its chi-squared.
     separating_plan : str or None
         None where no shipped plan separates the two.
     expected_separation, minutes : float or None
@@ -79,13 +79,13 @@ class EffectFinding:
     Attributes
     ----------
     name : str
-        The effect, or the error of a bench parameter (see `fitting.terms.ERRORS`).
+        The effect, or the error of a bench parameter (see `fitting.fit.ERRORS`).
     effect_title, effect_sentence : str
         Title and physics of the effect as it declares them; empty for the error of a bench parameter.
     coefficients : dict of str to Estimate
         Its coefficients as fitted.
     delta_chi2 : float
-        By how much chi-squared is worse without it, all else fitted again.
+        Increase of chi-squared without it, all else fitted again.
     formula : str
         Its law.
     growth : tuple of Growth
@@ -117,11 +117,11 @@ class InstrumentFinding:
     Attributes
     ----------
     name : str
-        What ``gyrowheel model add`` takes: an effect of the category ``instrument``.
+        Name for ``gyrowheel model add``: an effect of the category ``instrument``.
     channel : str
         The reading, say ``coil_voltage``.
     quantity : str
-        What is wrong with it: the parameter of the bench without the channel, say ``delay``.
+        The wrong parameter of the bench without the channel, say ``delay``.
     value, standard_error : float
         The parameter as found [`unit`].
     stated : float
@@ -129,9 +129,9 @@ class InstrumentFinding:
     unit : str
         SI unit.
     delta_chi2 : float
-        By how much chi-squared is worse without it, all else fitted again.
+        Increase of chi-squared without it, all else fitted again.
     ties : tuple of TieReport
-        What explains the recordings as well: instruments or effects.
+        Instruments or effects that explain the recordings as well.
     title, sentence : str
         Title and physics as declared.
     """
@@ -203,7 +203,7 @@ class NextTest:
 
 @dataclass(frozen=True)
 class NuisanceEstimate:
-    """A bench parameter as fitted along, beside its stated value."""
+    """Estimate of a bench parameter, with its stated value."""
 
     value: float
     standard_error: float
@@ -242,7 +242,7 @@ class Beyond:
     ----------
     kind : str
         ``impossible``: a bench parameter where physics has none. ``unusual``: an effect, or the error of a parameter,
-        many times as large as is usual. ``not_as_stated``: a bench parameter that was fitted along, many of its stated
+        many times as large as is usual. ``not_as_stated``: an estimated bench parameter, many of its stated
         uncertainties away.
     name, coefficient : str
         The effect, error or bench parameter; of an effect its coefficient.
@@ -251,7 +251,7 @@ class Beyond:
     unit : str
         Their unit.
     times : float
-        How far beyond: times the largest usual size, or stated uncertainties; 0 where it is impossible.
+        Multiple of the largest usual size, or stated uncertainties; 0 where it is impossible.
     """
 
     kind: Literal["impossible", "unusual", "not_as_stated"]
@@ -270,7 +270,7 @@ class Proof:
     Attributes
     ----------
     recording : str
-        What was predicted: the recordings for validation, or those of which parts were left out.
+        Predicted recordings: those for validation, or those of which parts were left out.
     proven : bool or None
         None where nothing could be tried.
     reason : str
@@ -280,7 +280,7 @@ class Proof:
         term in `causes`. ``misfit``: none of these. ``no_gain``: the prediction without the findings is as good.
         ``not_tried``: there is nothing that could be left out.
     left_out : str
-        What was left out in turn: ``recording``, ``speed``, ``azimuth`` or ``time``; empty for a validation.
+        Kind of the parts left out in turn: ``recording``, ``speed``, ``azimuth``, ``time``; empty for a validation.
     parts : int
         In how many parts.
     causes : tuple of str
@@ -330,13 +330,13 @@ class DatedEvent:
     kind : str
         ``step``, ``trend`` or ``burst``.
     channel : str
-        What changed, one of `fitting.events.QUANTITIES`.
+        The changed quantity, one of `fitting.events.QUANTITIES`.
     size, standard_error : float
-        By how much, in `unit`.
+        Size of the change and its standard error [`unit`].
     unit : str
         Unit of the size.
     gain : float
-        By how much it raises twice the log likelihood of the recordings.
+        Increase of twice the log likelihood of the recordings.
     ties : tuple of str
         Other quantities whose change explains the recordings as well.
     """
@@ -367,7 +367,7 @@ class DriftShape:
         ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``: it follows that; ``after_tilt``:
         it relaxes after every move of the tilt.
     channel : str
-        What drifts, one of `fitting.events.QUANTITIES`.
+        The drifting quantity, one of `fitting.events.QUANTITIES`.
     size, standard_error : float
         Amplitude of the swing; change from the coldest to the warmest window; what a tilt of the reference size brings
         just after the move, in `unit`.
@@ -378,7 +378,7 @@ class DriftShape:
     temperature_change : float
         From the coldest to the warmest window [K]; 0 for other shapes.
     gain : float
-        By how much it raises twice the log likelihood of the recordings.
+        Increase of twice the log likelihood of the recordings.
     """
 
     recording: str

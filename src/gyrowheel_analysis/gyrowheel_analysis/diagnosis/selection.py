@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,13 @@ from gyrowheel_analysis.criteria import (
     TIE_LOSS,
 )
 from gyrowheel_analysis.diagnosis.limits import is_possible
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, is_instrument
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import ERRORS, Term, is_instrument
-from gyrowheel_analysis.reduction.groups import direction_groups, masks, speed_groups
+from gyrowheel_analysis.reduction.windows import direction_groups, masks, speed_groups
 
 Array = NDArray[np.float64]
 
-_MOST_TERMS = 4  # beside instruments
+_MOST_TERMS = 4  # besides instruments
 _MOST_INSTRUMENTS = 5
 _MOST_SEARCHES = 6  # after which terms that fail are only removed
 _SHORTLIST = 5
@@ -102,7 +102,7 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     its coefficients may differ from those of the model. Every selected term is tried against every other (swaps) and
     against none (elimination). When no further term reaches the threshold, each term must pass cross-validation: with
     it, the prediction of a speed, a tilt direction or a recording that was left out must not become worse.
-    (Cross-validation comes last: earlier it would judge a term by what is still missing beside it.) In the final fit
+    (Cross-validation comes last: earlier it would judge a term by others that are still missing.) In the final fit
     each term must still reach the threshold, by the noise that this fit leaves, and have coefficients that are
     possible. A term that fails is removed, and the search continues without it.
     """
@@ -135,7 +135,7 @@ def unsupported(
     Parameters
     ----------
     problem : Problem
-        What was fitted, with the final noise.
+        The fitted problem, with the final noise.
     fit : Fit
         The fit.
     inflation : float
@@ -176,17 +176,14 @@ def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, 
 
 
 def _further(current: Fit, pool: Sequence[Term]) -> list[Term]:
-    """Return what may still be added to a fit."""
+    """Return the terms that may still be added to a fit."""
     instruments = sum(map(is_instrument, current.terms))
-    full = {
-        True: instruments >= _MOST_INSTRUMENTS,
-        False: len(current.terms) - instruments >= _MOST_TERMS,
-    }
+    full = {True: instruments >= _MOST_INSTRUMENTS, False: len(current.terms) - instruments >= _MOST_TERMS}
     return [t for t in pool if t not in current.terms and not full[is_instrument(t)]]
 
 
 def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
-    """Return the weakest effect that worsens the prediction of what was left out; None if there is none."""
+    """Return the weakest effect that worsens the prediction of what was left out; None if each improves it."""
     failing = []
     for term in fit.terms:
         if term.effect is not None:
@@ -197,7 +194,7 @@ def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
 
 
 def implausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> Term | None:
-    """Return a term of a fit that is no explanation; None if there is none.
+    """Return a term of a fit that is no explanation; None if each improves it.
 
     The error of a bench parameter must be more than `limit` stated uncertainties. The coefficients of an effect must be
     possible: one of one sign (it can only brake, push back or heat) that is clearly negative makes up for another one
@@ -325,6 +322,49 @@ def inverse_of(normal: Array) -> Array:
     return np.asarray(np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-12) / np.outer(scale, scale))
 
 
+class LeftOut(NamedTuple):
+    """A part of the rows as predicted from the rest.
+
+    Attributes
+    ----------
+    residual : ndarray (n,)
+        Whitened residual of the part.
+    shift : ndarray (p,)
+        Change of the unknowns without the part.
+    covariance : ndarray (p, p)
+        Covariance of the unknowns without the part.
+    chi2 : float
+        Chi-squared of the part by its noise and the uncertainty of the prediction.
+    """
+
+    residual: Array
+    shift: Array
+    covariance: Array
+    chi2: float
+
+
+def left_out(design: Array, residual: Array, inverse: Array, mask: NDArray[np.bool_]) -> LeftOut:
+    """Return a part of the rows as predicted from the rest, linear about the fit to all rows.
+
+    Parameters
+    ----------
+    design, residual : ndarray (N, p), ndarray (N,)
+        Whitened Jacobian and residual of the fit, whose pulls balance its gradient.
+    inverse : ndarray (p,)
+        Inverse prior deviations of the unknowns.
+    mask : ndarray (N,)
+        Rows of the part.
+    """
+    part, rest = design[mask], design[~mask]
+    kept = rest.T @ rest + np.diag(inverse**2)
+    covariance = inverse_of(kept)
+    shift = covariance @ (part.T @ residual[mask])
+    own = residual[mask] + part @ shift
+    slope = part.T @ own
+    chi2 = float(own @ own - slope @ inverse_of(kept + part.T @ part) @ slope)
+    return LeftOut(own, shift, covariance, chi2)
+
+
 def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
     """Whether the prediction of a speed, a tilt direction or a recording that was left out is no worse with a term.
 
@@ -352,24 +392,13 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
             continue
         errors = np.zeros(2)
         for mask in parts:
-            keep = ~mask
-            found = []
-            for design, residual, inverse in pairs:
-                part = design[mask]
-                kept = design[keep].T @ design[keep] + np.diag(inverse**2)
-                covariance = inverse_of(kept)
-                # the residual belongs to the full fit, whose pulls balance its gradient
-                left_out = residual[mask] + part @ (covariance @ (part.T @ residual[mask]))
-                # the prediction is not blamed for what the rest leaves undetermined
-                slope = part.T @ left_out
-                error = left_out @ left_out - slope @ inverse_of(kept + part.T @ part) @ slope
-                found.append((float(error), covariance))
-            own = found[1][1][np.ix_(amplitudes, amplitudes)]
+            found = [left_out(*pair, mask) for pair in pairs]
+            own = found[1].covariance[np.ix_(amplitudes, amplitudes)]
             null = problem.unknowns.null(term)
             values = np.array([with_.coefficients[term.name][name] - null[name] for name in term.amplitudes])
             if not np.all(np.isfinite(own)) or values @ np.linalg.pinv(own) @ values < 4.0 * len(values):
                 continue
-            errors += [found[0][0], found[1][0]]
+            errors += [found[0].chi2, found[1].chi2]
         if errors[1] > errors[0] + CROSS_VALIDATION_LOSS:
             return False
     return True

@@ -35,9 +35,8 @@ from gyrowheel_analysis.diagnosis.selection import (
     rank,
     unsupported,
 )
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_rate, z_ref
@@ -86,7 +85,7 @@ class Proposal:
 
     @property
     def kept(self) -> tuple[Term, ...]:
-        """Registered effects that stand beside it."""
+        """Registered effects that are kept next to it."""
         return tuple(t for t in self.fit.terms if t != self.term)
 
 
@@ -231,7 +230,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
     Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
-    drift concealed it, and a real drift is not mistaken for a form. A form may stand beside the selected
+    drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected
     effects or replace one or all of them. A single form that replaces several effects needs a smaller gain, and only
     about the same likelihood where these effects cancel each other.
     """
@@ -253,7 +252,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
         ]
     cancels = cancelling(problem, selection.best)
     beside = rank(problem, selection.best, family)
-    # a form that replaces an effect cannot explain more than beside it
+    # a form that replaces an effect cannot explain more than one that is added to it
     able = [term for gain, term in beside if _worth(problem, gain)]
     best: Proposal | None = None
     for start in starts:
@@ -276,7 +275,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
 
 
 def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
-    """Whether the linear gain in chi-squared of a form beside `start` rules it out without a fit.
+    """Whether the linear gain in chi-squared of a form added to `start` rules it out without a fit.
 
     Fitting its exponents and edges can still bring a part of what `start` lacks compared with the best fit. Where a
     drift was enlarged this bound does not hold: what the drift conceals counts more once the form explains it.
@@ -381,7 +380,7 @@ def places(term: Term, bench: Bench) -> dict[str, tuple[float, str]]:
 
 
 def _simplest(problem: Problem, proposal: Proposal, base: float) -> Proposal:
-    """Drop effects that are superfluous beside the form."""
+    """Drop effects that are superfluous next to the form."""
     while len(proposal.fit.terms) > 1:
         trials = []
         for term in proposal.fit.terms:

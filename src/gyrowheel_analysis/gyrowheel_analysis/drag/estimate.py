@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.drag.notch import COLUMNS, RADIUS, notch
 from gyrowheel_analysis.drag.prediction import HoldPrediction, Predictor
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import LONGEST, NEEDED, SETTLING, SPIN_SETTLING, Samples
-from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
+from gyrowheel_analysis.reduction.quality import NEEDED
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import LONGEST, SETTLING, SPEED_CHANGE, SPIN_SETTLING
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
@@ -67,7 +68,7 @@ class Estimate:
         Whether the model has learned both constants, of coils and motor, from recordings; else the bench's stated
         constants are used, with their stated uncertainty.
     measured_torque : ndarray (3,)
-        Torque by voltages of coils, current of motor and the constants of the model, without what the model says of
+        Torque by voltages of coils, current of motor and the constants of the model, without what the model predicts of
         errors of actuators and readings [N m].
     measured_torque_std : ndarray (3,)
         Its standard error from the noise of the readings [N m].
@@ -118,7 +119,7 @@ class Estimate:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Estimate:
-        """Read a serialized DragEstimate message; ValueError if it is none."""
+        """Read a serialized DragEstimate message; raise ValueError for any other content."""
         stamp, *values = wire.DRAG_ESTIMATE.unpack(data)
         rest = iter(values)
         content: dict[str, Any] = {
@@ -221,7 +222,7 @@ class _Hold:
 
 
 class _Settled(NamedTuple):
-    """What is kept of a settled hold to be a reference."""
+    """A settled hold as a reference of later ones."""
 
     setpoint: _Setpoint
     time: float  # s, of its middle
@@ -248,7 +249,7 @@ class DragEstimator:
     period : float, optional
         Sampling period of the readings, where it is not that of the bench [s].
     settled : bool
-        Whether to estimate settled holds alone, and not again and again as they go on.
+        Whether to estimate settled holds only, and not repeatedly while they last.
     """
 
     def __init__(self, model: Model, period: float | None = None, *, settled: bool = False) -> None:
@@ -306,15 +307,7 @@ class DragEstimator:
         if not whole.all():  # a filter never recovers from NaN
             stamps_ns, readings = stamps_ns[whole], readings[whole]
         filtered = np.empty((len(readings), len(COLUMNS)))
-        notch(
-            readings.array,
-            COLUMNS,
-            readings.spin_rate,
-            self._period,
-            RADIUS,
-            self._state,
-            filtered,
-        )
+        notch(readings.array, COLUMNS, readings.spin_rate, self._period, RADIUS, self._state, filtered)
         estimates: list[Estimate] = []
         at = 0
         while at < len(stamps_ns):
@@ -365,7 +358,7 @@ class DragEstimator:
         return [] if hold is None else self._estimate(hold, settled=True)
 
     def _simulated(self, hold: _Hold) -> HoldPrediction:
-        """Return what the model says of the windows of a hold."""
+        """Return the prediction of the model for the windows of a hold."""
         self._shorten(hold)
         return hold.simulated + self._predicted(hold, hold.times[0], hold.readings[0])
 
@@ -379,7 +372,7 @@ class DragEstimator:
         hold.times, hold.readings = [time], [readings]
 
     def _predicted(self, hold: _Hold, time: Array, readings: Array) -> HoldPrediction:
-        """Return what the model says of some samples of a hold."""
+        """Return the prediction of the model for some samples of a hold."""
         # the reduction cuts off the settling itself, so it gets the original start of the hold
         setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
         start = np.array([time[0] - SETTLING, time[-1]])
@@ -405,7 +398,7 @@ class DragEstimator:
         reference = self._reference(own)
         increment_std = np.zeros(3)
         if reference is not own:
-            # what the drift does between the two holds
+            # drift between the two holds
             change = -2.0 * math.expm1(-(own.time - reference.time) / self._bench.value("drift_time"))
             increment_std = np.sqrt(own.noise**2 + reference.noise**2 + change * self._drift[:3] ** 2)
         if settled:

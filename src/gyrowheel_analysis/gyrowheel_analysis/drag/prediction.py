@@ -1,4 +1,4 @@
-"""What a believed model says of the samples of a hold: torques, readings, and how far its uncertainties move them."""
+"""Prediction of the samples of a hold by a model: torques, readings, and their sensitivity to its uncertainties."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.balance.motion import mean
 from gyrowheel_analysis.balance.parts import effect_parts
-from gyrowheel_analysis.balance.quadrature import mean
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import Samples, Windows, reduce
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
@@ -48,9 +50,9 @@ class HoldPrediction:
         Torque that the motion needs, the share of effects of the air in it, and what the model adds for errors of
         actuators and readings [N m s].
     voltage : ndarray (3,)
-        What the voltages should be [V s].
+        Predicted voltages [V s].
     changes : ndarray (uncertainties, 3)
-        By how much the torque that the readings should show changes if one uncertain quantity of the model is one
+        Change of the torque that the readings should show if one uncertain quantity of the model is one
         standard error larger [N m s].
     """
 
@@ -67,7 +69,7 @@ class HoldPrediction:
 
 
 class Predictor:
-    """Predicts holds by a believed model.
+    """Predicts holds by a model.
 
     Every uncertainty that the model states is propagated: of all bench parameters that a hold shows, as stated or as
     learned from recordings, of the coefficients of its effects, and of the readings of pressure and temperature that

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.drag.estimate import DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import SETTLING, SPIN_SETTLING, Samples, steady_spans
-from gyrowheel_analysis.reduction.steady import SPEED_CHANGE
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import SETTLING, SPEED_CHANGE, SPIN_SETTLING, steady_spans
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_DTYPE, SETPOINT_PERIOD
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
@@ -101,7 +101,7 @@ def drag_estimates(
     told = 0
     for start in range(0, len(stamps_ns), BLOCK):
         block = slice(start, start + BLOCK)
-        # hours of setpoints are told as they begin: one by one they take several times the memory
+        # setpoints are passed on as they begin: hours of them at once take several times the memory
         begun = int(np.searchsorted(asked["stamp_ns"][told:], stamps_ns[block][-1], side="right"))
         for stamp, segment, phase, *values in asked[told : told + begun].tolist():
             estimator.setpoint(stamp, segment, phase, values)
@@ -123,7 +123,7 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
     Raises
     ------
     InputError
-        If a reading that nothing can stand for was never taken.
+        If a reading without a substitute was never taken.
     """
     # loads the optimisers of SciPy, which takes long, and the node has no use for them
     from gyrowheel_analysis.fitting.preparation import samples_of
@@ -263,7 +263,7 @@ class DragStream:
         return found
 
     def finish(self) -> list[Estimate]:
-        """Return what is left of a run, and be ready for the next one."""
+        """Return the remaining estimates of a run, and be ready for the next one."""
         found: list[Estimate] = []
         while self._waiting:
             found += self._hand_over()

@@ -2,7 +2,7 @@
 
 An event changes one quantity (`QUANTITIES`) by a size in the course of one profile: a step stays, a trend grows from
 one time to another and then stays, a burst ends. A drift that has a shape changes it in the course of a temperature, or
-swings; and a torque may follow the tilt with a delay. The rows are linear in the size, so that a fit takes it along
+swings; and a torque may follow the tilt with a delay. The rows are linear in the size, so that a fit includes it
 by projecting it out of rows and derivatives alike (`Noise.with_events`).
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import in_groups
-from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.registry import torque_scale
 
@@ -33,7 +33,7 @@ Kind = Literal[
     "air_temperature",
     "after_tilt",
 ]
-#: What happens at a time; all other kinds are shapes of a drift.
+#: Events at a time; all other kinds are shapes of a drift.
 HAPPENS: tuple[Kind, ...] = ("step", "trend", "burst")
 #: Shapes that follow a reading.
 TEMPERATURES: tuple[Kind, ...] = ("coil_temperature", "motor_temperature", "air_temperature")
@@ -47,7 +47,7 @@ _TORQUE = 1.0e-3  # N m on the default bench: size of a large event
 
 @dataclass(frozen=True)
 class EventQuantity:
-    """What an event may change.
+    """A quantity that an event may change.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Event:
     recording : int
         Number of the recording.
     quantity : str
-        What changes, one of `QUANTITIES`.
+        The changed quantity, one of `QUANTITIES`.
     kind : Kind
         ``step`` (stays), ``trend`` (grows from `time` to `end`, then stays) or ``burst`` (ends at `end`); ``swing``, a
         temperature that it follows, or ``after_tilt`` (relaxes after every move of the tilt).
@@ -97,7 +97,7 @@ class Event:
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """What else describes it: the times at which it begins and, if it does, ends [s]."""
+        """Times at which it begins and, if it does, ends [s]."""
         if self.kind in TEMPERATURES:
             return ()
         return (self.time,) if self.kind in ("step", "after_tilt") else (self.time, self.end)
@@ -136,7 +136,7 @@ def temperature(windows: Windows, kind: Kind) -> Array:
 
 
 def lag_of_tilt(windows: Windows, time: float) -> NDArray[np.complex128]:
-    """Return by how much the tilt is ahead of its own mean over the past, in every window (n,) [rad].
+    """Return the lead of the tilt over its mean of the past, in every window (n,) [rad].
 
     Parameters
     ----------
@@ -336,10 +336,10 @@ _ALL = (
 AFTER_TILT = EventQuantity(
     "torque_after_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(_tilt(b)), _torque
 )
-#: What may change, by name: the simplest first.
+#: Quantities that may change, by name: the simplest first.
 QUANTITIES: dict[str, EventQuantity] = {quantity.name: quantity for quantity in (*_ALL, AFTER_TILT)}
 
-#: What may change at once: both axes of a torque or of a reading. Any other quantity changes by itself.
+#: Quantities that may change together: both axes of a torque or of a reading. Any other quantity changes alone.
 _PAIRS = (("torque_x", "torque_y"), ("tilt_reading_x", "tilt_reading_y"))
 #: Every quantity once, the simplest first, with the one that may change at once with it.
 TOGETHER: tuple[tuple[str, ...], ...] = tuple(

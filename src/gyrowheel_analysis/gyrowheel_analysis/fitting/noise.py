@@ -16,8 +16,12 @@ from scipy.optimize import minimize
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import DRIFTS, in_groups
 from gyrowheel_analysis.criteria import DRIFT_SCALE_BOUNDS, DRIFT_SCALE_SPREAD, NOISE_CHANGED
-from gyrowheel_analysis.fitting.drift import DriftCovariance, MarginalCost
-from gyrowheel_analysis.fitting.variance import amplitude_variance, average_covariance
+from gyrowheel_analysis.fitting.variance import (
+    DriftCovariance,
+    MarginalCost,
+    amplitude_variance,
+    average_covariance,
+)
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
@@ -153,7 +157,7 @@ class Noise:
         Parameters
         ----------
         residual : ndarray (N,)
-            Rows measured minus predicted by the model as it stands.
+            Rows measured minus predicted by the model.
         regressors : ndarray (N, p)
             Everything that may explain them, each column scaled to one prior standard deviation. What they can explain
             does not count as drift.
@@ -175,7 +179,7 @@ class Noise:
         )
 
     def beside_events(self, regressors: Array) -> Array:
-        """Return regressors (N, p) with the events beside them, their sizes as good as free."""
+        """Return regressors (N, p) and those of the events, whose sizes are practically free."""
         return regressors if self.events is None else np.hstack([regressors, _FLAT * self.events])
 
     def of_averages(
@@ -186,14 +190,14 @@ class Noise:
         Parameters
         ----------
         residual, regressors
-            As given to `best_scales`. The events are put beside the regressors.
+            As given to `best_scales`. Those of the events are appended.
 
         Returns
         -------
         blocks : list of (DriftCovariance, str)
             The covariances of the averages, each with the name of its drift.
         residual, regressors : ndarray (n,), ndarray (n, p)
-            Their rows; what the amplitudes, whose noise is known, say of the regressors is used up.
+            Their rows; the information of the amplitudes, whose noise is known, on the regressors is used up.
         cost : float
             Minus twice the log likelihood of the amplitudes.
         """
@@ -236,7 +240,7 @@ def _narrowed(
     precision = np.eye(design.shape[1]) + design.T @ design
     try:
         root = np.linalg.cholesky(precision)
-    except np.linalg.LinAlgError:  # rows so large that the unit matrix is lost beside their squares
+    except np.linalg.LinAlgError:  # rows so large that the unit matrix is lost in their squares
         root = np.transpose(np.linalg.qr(np.vstack([np.eye(design.shape[1]), design]), mode="r"))
         root = root * np.where(np.diag(root) < 0.0, -1.0, 1.0)
     mean = cho_solve((root, True), design.T @ rows)

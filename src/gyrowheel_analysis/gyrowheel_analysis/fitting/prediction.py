@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance, Instants
-from gyrowheel_analysis.fitting.fit import Point
-from gyrowheel_analysis.fitting.terms import Term
+from gyrowheel_analysis.fitting.fit import Point, Term
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 
 Array = NDArray[np.float64]
@@ -32,7 +31,7 @@ class Prediction:
     balances : sequence of Balance
         One a recording.
     unknowns : Unknowns
-        What is unknown.
+        The unknowns.
     """
 
     def __init__(self, balances: Sequence[Balance], unknowns: Unknowns) -> None:
@@ -51,7 +50,7 @@ class Prediction:
         return result
 
     def for_unknowns(self, unknowns: Unknowns) -> Prediction:
-        """Return the same prediction for unknowns that have the same nuisances, with states of its own."""
+        """Return the same prediction for unknowns that have the same nuisances, with separate states."""
         result = copy(self)
         result.unknowns, result._states = unknowns, OrderedDict()
         return result

@@ -18,17 +18,12 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction import (
-    NEEDED,
-    Commanded,
-    Coverage,
-    Samples,
-    Shown,
-    Windows,
-    look,
-    reduce_and_account,
-)
-from gyrowheel_analysis.reduction.not_as_stated import ReadingFindings, reading_findings
+from gyrowheel_analysis.reduction.coverage import Coverage
+from gyrowheel_analysis.reduction.instrument_readings import ReadingFindings, Shown, look, reading_findings
+from gyrowheel_analysis.reduction.quality import NEEDED
+from gyrowheel_analysis.reduction.samples import Commanded, Samples
+from gyrowheel_analysis.reduction.segmentation import reduce_and_account
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
@@ -67,7 +62,7 @@ class TooFewWindowsError(InputError):
     windows : int
         Number of windows.
     coverage : Coverage
-        How much of the recordings lies in windows, and why not more.
+        Use of the recordings.
     """
 
     def __init__(self, names: Sequence[str], windows: int, coverage: Coverage) -> None:
@@ -82,17 +77,17 @@ class Prepared:
     Attributes
     ----------
     problem : Problem
-        What can be fitted, with the magnitudes of the drifts estimated from the recordings.
+        The fit problem, with the magnitudes of the drifts estimated from the recordings.
     names : list of str
         The recordings in it, in order.
     windows : int
-        How many windows they have.
+        Number of their windows.
     coverage : Coverage
-        How much of them lies in these windows.
+        Use of the recordings.
     validation : Prepared or None
         Recordings on which nothing is fitted, nor their drifts estimated; None if there is no window in any.
     shown : list of Shown
-        What the samples of each show of the instruments.
+        The instruments of each as its samples show them.
     """
 
     problem: Problem
@@ -103,7 +98,7 @@ class Prepared:
     shown: list[Shown] = field(default_factory=list)
 
     def readings(self, bench: Bench) -> ReadingFindings:
-        """Return what the samples of all recordings show of the instruments beside what a bench states."""
+        """Return the deviations of the instruments from a bench that the samples of all recordings show."""
         other = self.validation
         shown = [*self.shown, *(other.shown if other else [])]
         return reading_findings(shown, [*self.names, *(other.names if other else [])], bench)
@@ -137,12 +132,12 @@ def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
     recording : Recording
         The recording.
     incomplete : bool
-        Whether readings may be missing that others can stand for (`derived`).
+        Whether readings may be missing that can be derived from others (`derived`).
 
     Raises
     ------
     InputError
-        If one that nothing can stand for was never measured, or the samples are too far apart.
+        If one that cannot be derived was never measured, or the samples are too far apart.
     """
     require_rate(recording)
     absent = unmeasured(recording.readings)
@@ -305,19 +300,19 @@ def _reduced(
 
 
 def _assumed(recording: Recording) -> dict[str, float]:
-    """Return how far off what is assumed for readings of a recording may be [SI, 1 sigma], by reading."""
+    """Return the uncertainty of assumed readings of a recording [SI, 1 sigma], by reading."""
     stated = {name: own.uncertainty for name, own in recording.origins.items() if not own.pulses}
     return assumed_errors(recording.readings, stated)
 
 
 def _phase_error(recording: Recording) -> float:
-    """Return how far off an angle from pulses may be [rad, 1 sigma]; 0 for one that was read."""
+    """Return the uncertainty of an angle from pulses [rad, 1 sigma]; 0 for one that was read."""
     origin = recording.origins.get("spin_angle")
     return origin.uncertainty if origin is not None and origin.pulses else 0.0
 
 
 def _unphased(recording: Recording, bench: Bench) -> frozenset[str]:
-    """Return what an angle from pulses does not show (`channels.unphased`)."""
+    """Return the quantities that an angle from pulses does not show (`channels.unphased`)."""
     origin = recording.origins.get("spin_angle")
     if origin is None or not origin.pulses:
         return frozenset()

@@ -13,11 +13,10 @@ from scipy.optimize import lsq_linear
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import STATED_RANGE
 from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns, event_widths
-from gyrowheel_analysis.fitting.fit import Fit, Point
+from gyrowheel_analysis.fitting.fit import Fit, Point, Term
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.solver import Objective, solve
-from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_sim.bench import Bench
 
@@ -42,7 +41,7 @@ class Problem:
     base_jacobian : ndarray (N, q)
         Their derivatives by the nuisance unknowns.
     events : tuple of Event
-        What changes in the middle of a recording; its sizes are fitted along.
+        Changes in the middle of a recording, whose sizes are estimated.
     removed : tuple of float
         Sizes of the events that are taken from the measured rows already.
     """
@@ -81,7 +80,7 @@ class Problem:
 
     @property
     def unknowns(self) -> Unknowns:
-        """What is unknown, with its priors."""
+        """The unknowns, with their priors."""
         return self.prediction.unknowns
 
     @property
@@ -124,7 +123,7 @@ class Problem:
         return replace(self, noise=self.noise.with_scales(scales))
 
     def with_events(self, events: Sequence[Event]) -> Problem:
-        """Return the problem with other events, whose sizes are fitted along."""
+        """Return the problem with other events, whose sizes are estimated."""
         columns = event_columns(self.balances, events) * event_widths(self.bench, events)
         columns = np.hstack([columns, edge_columns(self.balances, events, self.noise.deviation())])
         return replace(
@@ -132,7 +131,7 @@ class Problem:
         )
 
     def event_sizes(self, fit: Fit) -> tuple[Array, Array]:
-        """Return the sizes of the events (events,) [SI] beside a fit, and their covariance."""
+        """Return the sizes of the events (events,) [SI] given a fit, and their covariance."""
         if self.noise.events is None:
             return np.zeros(0), np.zeros((0, 0))
         widths, count = event_widths(self.bench, self.events), len(self.events)
@@ -140,10 +139,7 @@ class Problem:
         inverse, _ = self.unknowns.prior(fit.terms)
         rest = np.zeros((len(inverse), edges.shape[1]))
         others = np.hstack(
-            [
-                np.vstack([self.noise.whitened(fit.jacobian), np.diag(inverse)]),
-                np.vstack([edges, rest]),
-            ]
+            [np.vstack([self.noise.whitened(fit.jacobian), np.diag(inverse)]), np.vstack([edges, rest])]
         )
         own = np.vstack([columns, np.zeros((len(inverse), count))])
         size = np.linalg.norm(others, axis=0)
@@ -159,7 +155,7 @@ class Problem:
         )
 
     def without_events(self, fit: Fit) -> Problem:
-        """Return the problem with what the events do beside a fit taken from the measured rows."""
+        """Return the problem with the contribution of the events, given a fit, subtracted from the measured rows."""
         if not self.events:
             return self
         sizes, _ = self.event_sizes(fit)
@@ -175,7 +171,7 @@ class Problem:
         Parameters
         ----------
         terms : sequence of Term
-            What is fitted beside the nuisance unknowns.
+            Terms that are fitted besides the nuisance unknowns.
         start : Fit, optional
             Where to start from.
         iterations : int
@@ -222,8 +218,8 @@ class Problem:
     def fit_within(self, bound: float = STATED_RANGE) -> Fit:
         """Fit the nuisance unknowns alone, none further than `bound` stated uncertainties from its stated value.
 
-        This is the best that the model as it stands can do. Without bounds a parameter would move as far as it takes to
-        make up for a missing effect.
+        This is the best fit of the model without further effects. Without bounds a parameter would move as far as it
+        takes to make up for a missing effect.
         """
         free = self.fit(())
         if np.abs(free.nuisance).max(initial=0.0) <= bound:
@@ -277,7 +273,7 @@ class Problem:
         return self.with_scales(scales)
 
     def _found_late(self, fit: Fit) -> dict[str, float]:
-        """Return by how much the terms of a fit make readings late [s], by channel."""
+        """Return the delays of readings by the terms of a fit [s], by channel."""
         late: dict[str, float] = {}
         for term in fit.terms:
             if term.effect is None:

@@ -1,6 +1,6 @@
 """Nonlinear least squares: Gauss-Newton steps, shortened where they fail.
 
-It stays beside `scipy.optimize.least_squares` because it finds the same minimum in a third to a fifth of the time
+It is used instead of `scipy.optimize.least_squares` because it finds the same minimum in a third to a fifth of the time
 (`python -m benchmarks solver`): the derivatives by the bench parameters, most of the work, are kept from step to step.
 """
 
@@ -12,16 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.fitting.fit import Fit, Point
+from gyrowheel_analysis.fitting.fit import Fit, Point, Term
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
-from gyrowheel_analysis.fitting.terms import Term
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import EffectValues
 
 Array = NDArray[np.float64]
 
-_FAR = 5.0  # stated uncertainties after which the derivatives by the bench parameters are taken anew
+_FAR = 5.0  # stated uncertainties after which the derivatives by the bench parameters are computed again
 _BOLD_STEPS = 3
 _WORTH = 5.0  # predicted gain in chi-squared from which on a step is followed uphill
 #: Shares of a step that are tried, the whole one first.
@@ -31,7 +30,7 @@ _GAIN = 1.0e-3  # in chi-squared: a step that gains less is the last one
 
 @dataclass(frozen=True)
 class Evaluated:
-    """What a vector of unknowns predicts, and how well.
+    """Prediction of a vector of unknowns, and its cost.
 
     Attributes
     ----------
@@ -67,7 +66,7 @@ class Objective:
     noise : Noise
         Their noise.
     terms : sequence of Term
-        What is fitted beside the nuisance unknowns.
+        Terms that are fitted besides the nuisance unknowns.
     """
 
     def __init__(self, prediction: Prediction, measured: Array, noise: Noise, terms: Sequence[Term]) -> None:
@@ -87,7 +86,7 @@ class Objective:
         return x
 
     def at(self, x: Array) -> Evaluated:
-        """Return what the unknowns `x` predict, and how well."""
+        """Return the prediction of the unknowns `x`, and its cost."""
         coefficients: EffectValues = {term.name: {} for term in self.terms}
         for (term, name), value in zip(self.columns, x[self.count :], strict=True):
             coefficients[term][name] = float(value)
@@ -139,12 +138,12 @@ class _Step:
 def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iterations: int = 12) -> Fit:
     """Minimise an objective.
 
-    The derivatives by the nuisance unknowns change little; they are taken anew where one has moved far.
+    The derivatives by the nuisance unknowns change little; they are computed again where one has moved far.
 
     Parameters
     ----------
     objective : Objective
-        What is minimised.
+        The minimised cost.
     x : ndarray
         Where to begin.
     nuisance_jacobian : ndarray (N, q)
@@ -221,7 +220,7 @@ def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _S
 def _boldly(objective: Objective, x: Array, at: Evaluated, before: Array) -> tuple[Array, Evaluated]:
     """Go on from where a whole step has led, uphill though it was, by whole steps with new derivatives.
 
-    Where a scale factor is far off, chi-squared has a narrow curved valley. A whole step lands beside it and the next
+    Where a scale factor is far off, chi-squared has a narrow curved valley. A whole step misses it and the next
     ones lead into it, while steps that are short enough to go downhill make no progress.
     """
     for _ in range(_BOLD_STEPS):

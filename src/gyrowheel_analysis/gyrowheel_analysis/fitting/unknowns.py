@@ -11,9 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect
-from gyrowheel_analysis.fitting.fit import Point
-from gyrowheel_analysis.fitting.terms import ERRORS, Term, candidate_terms, instrument_terms, is_instrument
-from gyrowheel_analysis.reduction import MOTOR_THERMAL
+from gyrowheel_analysis.fitting.fit import (
+    ERRORS,
+    Point,
+    Term,
+    candidate_terms,
+    instrument_terms,
+    is_instrument,
+)
+from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, registry
 from gyrowheel_sim.effects.registry import for_bench
@@ -22,7 +28,7 @@ from gyrowheel_sim.parameter import Parameter
 
 Array = NDArray[np.float64]
 
-#: Bench parameters that are fitted along, by the name of their group in the bench file.
+#: Bench parameters that are estimated in every fit, by the name of their group in the bench file.
 NUISANCE_GROUPS = (
     "flexure_stiffness_x",
     "flexure_stiffness_y",
@@ -50,7 +56,7 @@ _RELATIVE_ERROR_BOUNDS = (-0.9, 10.0)
 
 
 class Unknowns:
-    """What a fit may change, and what is known of it beforehand. Nothing here depends on a recording.
+    """The unknowns of a fit and their priors. Nothing here depends on a recording.
 
     Parameters
     ----------
@@ -64,7 +70,7 @@ class Unknowns:
         Declarations of effects that are not registered.
     assumed : dict of str to float
         Static errors of instruments that were not there, whose readings are assumed: how far off they may be [SI], by
-        parameter of the bench. One that is fitted along anyway may be off by that beside what is stated.
+        parameter of the bench. For one that is estimated anyway, it adds to the stated uncertainty.
 
     Attributes
     ----------
@@ -162,7 +168,7 @@ class Unknowns:
         return known
 
     def moved(self, nuisance: Array) -> dict[tuple[str, str], float]:
-        """Return by how many of its standard errors each coefficient of the known effects has moved."""
+        """Return the change of each coefficient of the known effects, in its standard errors."""
         names = [(name, key) for name, key, _ in self.loose]
         return dict(zip(names, nuisance[len(self.nuisances) :].tolist(), strict=True))
 

@@ -1,4 +1,4 @@
-"""What the analyst believes: a bench, what recordings have taught about it, and the effects added; as a file, too."""
+"""The model: a bench, estimates of its parameters from recordings, and added effects; with its file."""
 
 from gyrowheel_analysis.model.model import Model, Override
 

@@ -1,4 +1,4 @@
-"""A model: a bench, what recordings have taught about its parameters, the effects added, and how they came in."""
+"""A model: a bench, estimates of its parameters, added effects and their history; and its file."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from gyrowheel_analysis.model.differences import differences
-from gyrowheel_analysis.model.file import SCHEMA, HistoryEntry, ModelFile
-from gyrowheel_analysis.model.undoing import kept, restored
+from gyrowheel_analysis.model.history import differences, kept, restored
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.locks import changing
-from gyrowheel_core.schema import check
+from gyrowheel_core.schema import Names, Number, Section, Text, check
 from gyrowheel_core.yaml_text import LARGEST, read_yaml
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import (
@@ -28,6 +27,68 @@ from gyrowheel_sim.effects import (
     validated,
 )
 from gyrowheel_sim.effects.user_defined import check_name
+
+SCHEMA = 1
+
+
+def _with_its_error(value: Any) -> Any:
+    return value if isinstance(value, Mapping | Estimate) else {"value": value}
+
+
+def _or_none(value: Any) -> Any:
+    return [] if value is None else value
+
+
+class Estimate(Section):
+    """A value with its standard error; what is allowed for the value depends on the parameter or coefficient."""
+
+    value: Any
+    standard_error: Annotated[Number, Field(ge=0.0)] = 0.0
+
+
+#: An `Estimate`, or a number alone.
+ValueEntry = Annotated[Estimate, BeforeValidator(_with_its_error)]
+
+
+class EffectEntry(BaseModel):
+    """An effect: its coefficients by name, and its declaration if it is a user's own."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, ValueEntry]
+
+    declaration: Any = None
+
+    @property
+    def coefficients(self) -> dict[str, Estimate]:
+        """The coefficients that the file gives."""
+        return dict(self.__pydantic_extra__)
+
+    @property
+    def is_declared(self) -> bool:
+        """Whether the entry declares the effect."""
+        return "declaration" in self.model_fields_set
+
+
+class HistoryEntry(BaseModel):
+    """A change of the model; its other entries are for the reader."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    calibrated: Names[ValueEntry] = Field(default_factory=dict)
+    restated: Names[ValueEntry] = Field(default_factory=dict)
+
+
+class ModelFile(Section):
+    """A model file."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    bench: Annotated[
+        Text, Field(json_schema_extra={"allowed": "the name of a bench, or the path of its file"})
+    ] = "gyrowheel"
+    overrides: Names[ValueEntry] = Field(default_factory=dict)
+    effects: Names[EffectEntry] = Field(default_factory=dict)
+    history: Annotated[list[HistoryEntry], BeforeValidator(_or_none)] = Field(default_factory=list)
+
 
 #: Checksums of the model files as this process wrote them last.
 _WRITTEN: dict[Path, str] = {}
@@ -225,7 +286,7 @@ class Model:
             _WRITTEN[file] = _checksum(text)
 
     def _bench_beside(self, file: Path) -> str:
-        """Return how a model file names the bench: so that from there it is the same one, whoever reads it."""
+        """Return the name of the bench in a model file, such that it means the same bench for every reader."""
         place = Path(self.stated_bench.origin)
         if self.bench_source in Bench.shipped() or not place.is_file():
             return self.bench_source

@@ -1,4 +1,4 @@
-"""How much of a recording is used by the analysis, and why the rest is not."""
+"""The share of a recording that the analysis uses, and the reasons for the rest."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SHOWN = 0.05  # s
 
 @dataclass(frozen=True)
 class Coverage:
-    """How much of the steady motion in recordings is used. Steady is all but ramps and the settling after them.
+    """Use of the steady motion in recordings. Steady is all but ramps and the settling after them.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """The instant at which something changed, from the samples themselves.
 
-Windows are seconds long; the samples between them tell more. What coils and motor give, integrated over time, turns
+Windows are seconds long; the samples show more. What coils and motor give, integrated over time, turns
 into angular momentum: a torque that begins bends their difference, which is as quiet as the readings of tilt and speed.
 A reading of the motor that shifts makes a jump in the balance of its voltages, an encoder that slips one in the angle.
 """
@@ -26,24 +26,24 @@ _STEP = 0.01  # s between the instants that are tried
 _BESIDE = 3.0  # s of samples looked at on either side
 _FEWEST = 100  # points
 _LATE = 1.0e-3  # s; by how much a reading may be late without being stated so
-#: Part of the square of a change that must not look like anything else, for it to be told at all.
+#: Part of the square of a change that nothing else may explain, for it to be identified at all.
 _SHARED = 1.0e-9
 
 
 @dataclass(frozen=True)
 class _Series:
-    """What is quiet but for the change.
+    """A series that is quiet except for the change.
 
     Attributes
     ----------
     time : ndarray (n,)
         Times [s].
     values : complex ndarray (n,)
-        What is watched.
+        The series.
     beside : complex ndarray (n, k)
-        What else may move it.
+        Other influences on it.
     known : ndarray (k,)
-        How well the share of each of these is known; infinite where it is not.
+        Prior deviation of the share of each of these; infinite where it is not known.
     change : complex ndarray (n,)
         The change per unit, of the values or of their rate.
     of_rate : bool
@@ -75,7 +75,7 @@ def onset(
     bench : Bench
         Its bench.
     quantities : sequence of str
-        What changed, see `fitting.events.QUANTITIES`: one, or both axes of the same.
+        Changed quantities, see `fitting.events.QUANTITIES`: one, or both axes of the same.
     begin, end : float
         Between which times it changed [s].
     other : float, optional
@@ -102,7 +102,7 @@ def onset(
     basis, _ = np.linalg.qr(beside / np.where(size > 0.0, size, 1.0))
 
     def left_of(rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return rows (n,) less what moves them beside the change, with what is known of that."""
+        """Return rows (n,) minus everything that moves them except the change, with its priors."""
         padded = np.concatenate([rows, np.zeros(len(basis) - points)])
         return padded - basis @ (basis.conj().T @ padded)
 
@@ -160,7 +160,7 @@ def _mean(values: Any) -> Any:
 
 
 def _series(data: Samples, bench: Bench, quantity: str, i: int, j: int) -> _Series | None:
-    """Return what shows the change of a quantity, from samples i .. j-1; None if nothing does."""
+    """Return the series that shows the change of a quantity, from samples i .. j-1; None if there is none."""
     make: Callable[[Array, Readings, Bench, str, Any], _Found | None]
     if quantity in ("motor_current", "motor_voltage", "winding_resistance", "motor_constant"):
         make = _voltages

@@ -11,12 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import MOST_SPIKES, NOISE_RANGE, SPIKE
-from gyrowheel_analysis.reduction.instants import even_times
+from gyrowheel_analysis.reduction.clock import even_times
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_analysis.reduction.taper import taper
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_recording.derived import ASSUMED, completed, in_words, origins_in_words
 from gyrowheel_sim.bench import Bench
+
+#: Amplitudes of its cosines; Harris, F. J. (1978), Proceedings of the IEEE 66 (1), 51-83.
+_BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
+
+
+def taper(samples: int) -> NDArray[np.float64]:
+    """Return the Blackman-Harris window, periodic, for so many samples.
+
+    It is not taken from SciPy, whose module for it takes longer to load than a recording takes to be reduced.
+    """
+    angle = np.linspace(-np.pi, np.pi, samples + 1)
+    window = sum((part * np.cos(k * angle) for k, part in enumerate(_BLACKMAN_HARRIS)), np.zeros(samples + 1))
+    return window[:-1]
+
 
 #: Readings that change slowly; the air first, because coils without a sensor are assumed to have its temperature.
 _FILLED = ("air_temperature", "air_pressure", "coil_temperature")
@@ -77,7 +90,7 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
     if finite.all() and not data.summed:
         return data, np.zeros(0), said
     if data.summed:
-        # what is summed up from the speed says nothing of the instants: jitter counts as that of the stamps
+        # an angle summed up from the speed does not show the instants: jitter counts as that of the stamps
         data = replace(data, time=even_times(data.time, data.period(bench.sample_period)))
     readings, assumed = completed(data.time, data.readings, data.absent, bench).copy(), []
     for name in NEEDED:
@@ -230,7 +243,7 @@ def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
     Returns
     -------
     readings : ndarray (n, columns)
-        The readings, each spike replaced by the value of the fit to all others. A spike has few others beside it.
+        The readings, each spike replaced by the value of the fit to all others. A spike has few others near it.
     fit : ndarray (columns, terms)
         Coefficients of the columns of `design`.
     left : ndarray (n, columns)
@@ -284,7 +297,7 @@ def _spikes(left: Any) -> NDArray[np.bool_]:
 
 
 def _crowded(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of some samples (n, columns) have many others beside them."""
+    """Return which of some samples (n, columns) have many others near them."""
     total = np.cumsum(np.pad(found, ((_TOGETHER + 1, _TOGETHER), (0, 0))), axis=0)
     return np.asarray(found & (total[2 * _TOGETHER + 1 :] - total[: -2 * _TOGETHER - 1] > _MOST_TOGETHER))
 

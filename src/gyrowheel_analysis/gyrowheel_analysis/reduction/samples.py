@@ -1,4 +1,9 @@
-"""The columns of a recording that the reduction needs."""
+"""The columns of a recording that the reduction needs, and the rate of the loop that they show.
+
+The loop answers the noise of its readings with voltages that are real torques and move the rotor. A recording at the
+rate of the loop has all of them. One at another rate misses some, or repeats some, so that its average voltage differs
+from the one that acted: the difference is noise.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.criteria import ANSWERED, OTHER_RATE
 from gyrowheel_core.readings import Readings
 from gyrowheel_recording.derived import Origin
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 
 Array = NDArray[np.float64]
@@ -45,7 +52,7 @@ class Commanded:
         return Commanded(self.voltages, self.places[rows])
 
     def at(self, rows: Any, axis: int) -> Array:
-        """Return what was commanded to coil x or y (`axis` 0 or 1) for some of the samples [V]."""
+        """Return the command of coil x or y (`axis` 0 or 1) for some of the samples [V]."""
         found: Array = self.voltages[axis][self.places[rows]]
         return found
 
@@ -61,7 +68,7 @@ class Samples:
     readings : Readings
         Readings [SI] of n samples; a reading that was not taken is not finite.
     setpoint_time : ndarray (m,)
-        Times of the setpoints [s]; empty if there are none.
+        Times of the setpoints [s]; empty without setpoints.
     setpoint : structured ndarray (m,)
         Setpoints, with the fields of the Setpoint message.
     environment : sequence of Environment
@@ -73,7 +80,7 @@ class Samples:
     commanded : Commanded, optional
         Coil voltages that were commanded; None where unknown.
     absent : frozenset of str
-        Readings that were never taken; `derived` says what stands for them.
+        Readings that were never taken; `derived` has their substitutes.
     origins : mapping of str to Origin
         Where readings come from that no instrument of their own took.
     """
@@ -109,7 +116,7 @@ class Samples:
 
     @cached_property
     def _usual_step(self) -> float:
-        """Median time from one sample to the next one [s], NaN where there is none; hours of them are sorted once."""
+        """Median time from one sample to the next one [s], NaN for a single sample; hours of them are sorted once."""
         steps = self._steps()
         return float(np.median(steps, overwrite_input=True)) if len(steps) else math.nan
 
@@ -120,3 +127,87 @@ class Samples:
             passed = np.diff(self.sequence.astype(np.int64))
             steps /= np.maximum(passed, 1, out=passed)
         return steps[steps > 0.0]
+
+
+_BLOCK, _MOST = 160, 100  # samples, blocks
+_LAGS = 12  # samples before a voltage whose tilts it may answer
+_STEADY = 75.0  # percent of blocks; so many may lie in moves
+_HELD, _AGAIN = (
+    6.0,
+    0.2,
+)  # noises between two samples of one held voltage; part of the steps from which on it is held
+_HIGH = 1.5  # by how much the noise of a loop is stronger at half its rate than on average
+
+
+def loop_period(data: Samples, period: float, bench: Bench) -> float:
+    """Return the period of the loop whose voltages a recording shows [s].
+
+    It is that which the bench states, unless the samples say otherwise: where each voltage answers the tilts recorded
+    just before it, the loop runs with the samples; where voltages are repeated, it is slower by that.
+
+    Parameters
+    ----------
+    data : Samples
+        The recording, every reading a number.
+    period : float
+        Its sampling period [s].
+    bench : Bench
+        The bench as stated.
+    """
+    stated = bench.sample_period
+    if abs(period / stated - 1.0) <= OTHER_RATE or len(data.time) < 4 * _BLOCK:
+        return stated
+    starts = np.linspace(0, len(data.time) - _BLOCK, _MOST).astype(np.int64)
+    whole = data.time[starts + _BLOCK - 1] - data.time[starts] < (_BLOCK + 1) * period
+    blocks = starts[whole][:, None] + np.arange(_BLOCK)
+    if not len(blocks):
+        return stated
+    own = data.readings
+    tilt, volts = (
+        own[f"{name}_x"][blocks] + 1j * own[f"{name}_y"][blocks] for name in ("tilt", "coil_voltage")
+    )
+    if period > stated:
+        # block by block: the loop answers otherwise at another speed, and in a move its setpoint as well
+        explained = np.percentile([_explained(*block) for block in zip(volts, tilt, strict=True)], _STEADY)
+        return period if explained > ANSWERED else stated
+    near = _HELD * bench.value("coil_voltage_noise")
+    steps = np.diff(volts, axis=1)
+    again = float(np.mean((np.abs(steps.real) < near) & (np.abs(steps.imag) < near)))
+    found = period / max(1.0 - again, 1e-3) if again > _AGAIN else period
+    return stated if abs(found / stated - 1.0) <= OTHER_RATE else found
+
+
+def _explained(volts: Any, tilt: Any) -> float:
+    """Return the part of the fast changes of voltages (n,) that the tilts just before them explain."""
+    answer, cause = np.diff(volts, 2), np.diff(tilt, 2)
+    n = len(answer)
+    design = np.stack([cause[_LAGS - k : n - k] for k in range(1, _LAGS + 1)], axis=1)
+    target = answer[_LAGS:]
+    size = float(np.linalg.norm(target) ** 2)
+    if not size > 0.0:
+        return 0.0
+    fit, *_ = np.linalg.lstsq(design, target, rcond=None)
+    # terms explain a part of anything
+    left = float(np.linalg.norm(target - design @ fit) ** 2) * len(target) / (len(target) - _LAGS)
+    return 1.0 - left / size
+
+
+def unseen_noise(left: Any, noise: float, samples: float) -> float:
+    """Return the noise of a coil voltage as it counts in the average over a window [V].
+
+    Parameters
+    ----------
+    left : complex ndarray (n,)
+        Readings x + i y [V] without slow motion and harmonics.
+    noise : float
+        Noise of a reading [V].
+    samples : float
+        Samples of the recording for every one of the loop.
+    """
+    if abs(samples - 1.0) <= OTHER_RATE:
+        return noise
+    shown = max(float(np.mean(part**2)) for part in (left.real, left.imag))
+    if samples < 1.0:
+        return max(noise, math.sqrt(shown))
+    part = samples % 1.0
+    return max(noise, math.sqrt(_HIGH * part * (1.0 - part) / samples * shown))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.reduction.quality import taper
 from gyrowheel_analysis.reduction.samples import Samples
-from gyrowheel_analysis.reduction.taper import taper
 from gyrowheel_analysis.reduction.windows import Windows
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ CHANNELS: Mapping[str, tuple[str, ...]] = {
     "motor_current": ("motor_current",),
 }
 _READ = tuple(name for names in CHANNELS.values() for name in names)
-#: What was commanded to the coils, beside the readings.
+#: Commands to the coils, as further columns next to the readings.
 COMMANDED = ("command_x", "command_y")
 _MOST_WINDOWS = 40
 SHORTEST = 0.7  # s
@@ -125,7 +125,7 @@ def tapered(data: Samples, windows: Windows, period: float, highest: float) -> S
 
 
 def rotor_gap(spin: Array, frequencies: Array) -> Array:
-    """Return how far frequencies are from the next multiple of spin speeds [turns/s], (speeds, frequencies) [Hz]."""
+    """Return the distance of frequencies [Hz] from the next multiple of spin speeds [turns/s] (speeds, frequencies)."""
     turns = spin[:, None, None] * _ROTOR_ORDERS
     gap: Array = np.abs(frequencies[None, :, None] - turns).min(axis=2)
     return gap

@@ -16,16 +16,9 @@ from gyrowheel_analysis.criteria import (
     UNSETTLED_ANGLE,
     UNSETTLED_TILT,
 )
-from gyrowheel_analysis.reduction.loop_rate import unseen_noise
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
-from gyrowheel_analysis.reduction.quality import (
-    READING_NOISES,
-    SLOW,
-    despiked,
-    without_spikes,
-)
-from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_analysis.reduction.steady import FEWEST_REVOLUTIONS, SHORTEST
+from gyrowheel_analysis.reduction.quality import READING_NOISES, SLOW, despiked, without_spikes
+from gyrowheel_analysis.reduction.samples import Array, Samples, unseen_noise
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
@@ -33,6 +26,8 @@ from gyrowheel_sim.environment import Environment
 #: Terms of the polynomial of the spin angle, by the longest window [s] that has them: a cubic gives the acceleration of
 #: short windows far better; long windows contain the response of the spin loop to a change of tilt.
 _SPIN_TERMS = ((0.5, 4), (1.0, 8), (math.inf, 12))
+SHORTEST = 0.16  # s, of a window
+FEWEST_REVOLUTIONS = 4  # of a window; with fewer, harmonics and slow motion are hard to separate
 #: Fraction of the samples of a window that must be present.
 FEWEST_SAMPLES = 0.7
 _FURTHER = 4  # terms of the polynomials that show whether a motion has settled
@@ -47,7 +42,7 @@ for _term in range(DEGREE):
 
 
 def spin_terms(duration: float) -> int:
-    """Return how many terms the polynomial of the spin angle has in a window that lasts `duration` [s]."""
+    """Return the number of terms of the polynomial of the spin angle in a window that lasts `duration` [s]."""
     return next(terms for length, terms in _SPIN_TERMS if duration <= length)
 
 
@@ -73,9 +68,9 @@ def fit_window(
     bench : Bench
         Gives the order of the motor's ripple.
     heat : tuple of ndarray
-        What `motor_temperatures` returns.
+        As `motor_temperatures` returns them.
     noise : ndarray (6,)
-        What `reading_noise` returns.
+        As `reading_noise` returns it.
 
     Returns
     -------
@@ -96,7 +91,7 @@ def fit_window(
     time, own = data.time[i:j], data.readings[i:j]
     if len(time) < FEWEST_SAMPLES * (time[-1] - time[0]) / h or time[-1] - time[0] < 0.5 * SHORTEST:
         return None  # too many samples lost
-    # a voltage reading belongs to the interval of the loop that ends with it, and stands for one sampling period
+    # a voltage reading belongs to the interval of the loop that ends with it, and represents one sampling period
     begin, end = float(time[0]) - 0.5 * (h + hold), float(time[-1]) + 0.5 * (h - hold)
     duration = end - begin
     x = (time - 0.5 * (begin + end)) / (0.5 * duration)

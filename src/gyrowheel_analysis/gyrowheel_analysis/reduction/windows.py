@@ -1,4 +1,4 @@
-"""Windows: motion as polynomials in time and harmonics of the spin angle, voltages as means."""
+"""Windows: motion as polynomials in time and harmonics of the spin angle, voltages as means; and groups of them."""
 
 from __future__ import annotations
 
@@ -17,6 +17,59 @@ from gyrowheel_analysis.reduction.quality import READING_NOISES
 from gyrowheel_analysis.reduction.samples import Array
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.environment import Environment
+
+#: Speeds within this fraction of the slowest of a group are the same.
+SAME_SPEED = 0.04
+#: A tilt below this has no direction [rad].
+UPRIGHT = 0.3 * DEG
+
+
+def speed_groups(spin_rate: Any) -> list[NDArray[np.int64]]:
+    """Return the indices of the windows of each speed, slowest first; speeds within 4 % are the same.
+
+    Parameters
+    ----------
+    spin_rate : ndarray (n,)
+        Spin rates [rad/s], positive.
+    """
+    rates = np.asarray(spin_rate, dtype=float)
+    groups: list[list[int]] = []
+    for index in np.argsort(rates, kind="stable"):
+        if groups and rates[index] <= (1.0 + SAME_SPEED) * rates[groups[-1][0]]:
+            groups[-1].append(int(index))
+        else:
+            groups.append([int(index)])
+    return [np.array(group) for group in groups]
+
+
+def direction_groups(tilt: Any) -> list[NDArray[np.int64]]:
+    """Return the indices of the windows of each octant of tilt direction; upright ones first.
+
+    Parameters
+    ----------
+    tilt : complex ndarray (n,)
+        Tilt angles phi_x + i phi_y [rad].
+    """
+    octant = octants(tilt)
+    return [np.flatnonzero(octant == value) for value in np.unique(octant)]
+
+
+def octants(tilt: Any) -> NDArray[np.int64]:
+    """Return the octant of each tilt direction (n,), 0 about the x axis; -1 where the rotor is upright."""
+    z = np.asarray(tilt, dtype=complex)
+    eighth = np.round(np.angle(z) / (math.pi / 4.0)).astype(np.int64) % 8
+    return np.where(np.abs(z) < UPRIGHT, -1, eighth)
+
+
+def masks(groups: Sequence[NDArray[np.int64]], count: int) -> list[NDArray[np.bool_]]:
+    """Return groups of indices as masks of length `count`."""
+    result = []
+    for group in groups:
+        mask = np.zeros(count, dtype=bool)
+        mask[group] = True
+        result.append(mask)
+    return result
+
 
 #: Harmonics of the coil voltages that are compared, as the channels ask for: an effect that turns with the rotor acts
 #: forward.
@@ -245,7 +298,7 @@ def without_noise(windows: Windows) -> Windows:
 
 
 def _alike(windows: Windows) -> NDArray[np.int64]:
-    """Return a number for every window (n,): that of the holds of its tilt and speed; one of its own if it moves."""
+    """Return a number for every window (n,): that of the holds of its tilt and speed; a separate one if it moves."""
     tilt = windows.mean_tilt / _SAME_TILT
     key = np.column_stack(
         [np.round(tilt.real), np.round(tilt.imag), np.round(np.log(np.abs(windows.mean_spin)) / _SAME_SPEED)]

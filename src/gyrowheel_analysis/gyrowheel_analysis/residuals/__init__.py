@@ -1,1 +1,1 @@
-"""What is left of the error: table of errors, maps, regions, dependence on variables."""
+"""The residual: table of errors, maps, regions, dependence on variables, law."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -29,8 +29,7 @@ from gyrowheel_analysis.criteria import (
     SIGNIFICANT,
     STRONG_EVIDENCE,
 )
-from gyrowheel_analysis.reduction import Windows
-from gyrowheel_analysis.reduction.groups import UPRIGHT
+from gyrowheel_analysis.reduction.windows import UPRIGHT, Windows
 from gyrowheel_analysis.residuals.error_table import channel_parts
 from gyrowheel_analysis.residuals.windows import WindowResiduals
 from gyrowheel_core.units import DEG, RPM
@@ -39,7 +38,7 @@ Array = NDArray[np.float64]
 
 _MOST = 3  # variables together
 _LAGS = 4
-#: Variables that act on coils and case, and those that act on the motor; what was set first, what went along behind.
+#: Variables that act on coils and case, and those that act on the motor; those that plans set come first.
 _OF_TILT = ("speed", "tilt", "azimuth", "temperature", "air_pressure", "time")
 _OF_MOTOR = ("speed", "tilt", "azimuth", "motor_temperature", "air_pressure", "time")
 #: Variables, and the smallest range of each over which anything can depend on it.
@@ -56,7 +55,7 @@ VARIABLES: dict[str, float] = {
 
 @dataclass(frozen=True)
 class Dependence:
-    """How far the residual of one part depends on one variable.
+    """Dependence of the residual of one part on one variable.
 
     Attributes
     ----------
@@ -90,23 +89,13 @@ class Dependence:
 
     @property
     def stated(self) -> bool:
-        """Whether the residual is said to depend on it."""
+        """Whether a dependence on it is stated."""
         enough = min(DEPENDENCE_SHARE, DEPENDENCE_SHARE_LEFT * (1.0 - self.share_of_none))
         return self.chosen and self.p_beside <= SIGNIFICANT and self.share_beside >= enough
 
     def to_json(self) -> dict[str, Any]:
         """Return the test as a JSON object."""
-        return {
-            "part": self.part,
-            "variable": self.variable,
-            "share_of_chi2": self.share_of_chi2,
-            "share_of_none": self.share_of_none,
-            "p": self.p,
-            "chosen": self.chosen,
-            "instead": self.instead,
-            "share_beside": self.share_beside,
-            "p_beside": self.p_beside,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -118,7 +107,7 @@ class Whiteness:
     part : str
         Which residual.
     rows : int
-        How many there are.
+        Their number.
     chi2_per_n : float
         Mean square in units of the noise, drift and all.
     p_size : float
@@ -138,19 +127,12 @@ class Whiteness:
 
     def to_json(self) -> dict[str, Any]:
         """Return the test as a JSON object."""
-        return {
-            "part": self.part,
-            "rows": self.rows,
-            "chi2_per_n": self.chi2_per_n,
-            "p_size": self.p_size,
-            "correlation": self.correlation,
-            "p_order": self.p_order,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True)
 class PartDependence:
-    """What the tests say of one part of the residual that is not noise.
+    """Result of the tests for one part of the residual that is not noise.
 
     Attributes
     ----------
@@ -252,7 +234,7 @@ def whiteness(data: WindowResiduals, balances: Sequence[Balance], white: Array) 
 
 
 def judged(found: Sequence[Dependence], white: Sequence[Whiteness]) -> list[PartDependence]:
-    """Return what the tests say of every part of the residual that is not noise."""
+    """Return the result of the tests for every part of the residual that is not noise."""
     result = []
     parts = max(len(white), 1)
     for test in white:
@@ -302,7 +284,7 @@ def _variables(w: Windows) -> dict[str, Array]:
 
 
 def _beyond(columns: Array, values: Array) -> Array:
-    """Return what columns (n, k) leave of values (n,)."""
+    """Return the residual of values (n,) after a fit of columns (n, k)."""
     return values - columns @ np.linalg.lstsq(columns, values, rcond=1e-9)[0]
 
 
@@ -344,7 +326,7 @@ def _patterns(
 
 
 class _Squares:
-    """What sets of variables leave of the sum of squares of a part.
+    """Residual sums of squares of a part after fits of sets of variables.
 
     Parameters
     ----------
@@ -383,7 +365,7 @@ class _Squares:
         return self._known[key]
 
     def test(self, name: str, beside: Iterable[str]) -> tuple[float, float]:
-        """Return the share of the whole that a variable explains beside others, and its probability by chance."""
+        """Return the share of the whole that a variable explains besides others, and its probability by chance."""
         rest, used = self.left(beside)
         after, more = self.left({*beside, name})
         k, free = more - used, self._n - more
@@ -406,7 +388,7 @@ class _Squares:
         return self._misfit(names) + used * math.log(self._n) * self._n / (self._n - used - 2.0)
 
     def _misfit(self, names: Iterable[str]) -> float:
-        """Return the logarithm of what variables leave, as it stands in the criterion."""
+        """Return the logarithm of what variables leave, as the criterion needs it."""
         names = tuple(names)
         rest, _ = self.left(names)
         if rest <= 0.0:
@@ -422,7 +404,7 @@ class _Squares:
         return next(s for s in sets if len(s) == len(best) and self.criterion(s) <= limit)
 
     def instead(self, name: str, chosen: Sequence[str]) -> str | None:
-        """Return the chosen variable in whose place another does as well; None if there is none."""
+        """Return the chosen variable that another can replace; None if it can replace none."""
         if name in chosen or not chosen:
             return None
         # that it takes more columns is why it was not chosen, not that it explains less

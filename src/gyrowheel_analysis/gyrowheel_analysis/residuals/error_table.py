@@ -91,7 +91,7 @@ class ErrorRow:
 
 @dataclass(frozen=True)
 class ErrorTable:
-    """How the error falls.
+    """The error before and after an addition.
 
     Attributes
     ----------
@@ -269,7 +269,7 @@ class Errors:
 
 
 def errors_of(before: Fit, after: Fit, prepared: Prepared) -> Errors:
-    """Return how the error falls from one fit to another, on the fitted and on the validation recordings.
+    """Return the errors of two fits on the fitted and on the validation recordings.
 
     On validation recordings nothing is fitted: parameters and coefficients are those of the fits.
     """

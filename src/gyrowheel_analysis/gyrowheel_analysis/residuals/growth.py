@@ -1,31 +1,306 @@
-"""The law that a residual follows: its pattern over the motion, and how its amplitude grows."""
+"""The law of a residual: its pattern over the motion, and how its amplitude changes with speed and other variables."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import curve_fit
 
 from gyrowheel_analysis.criteria import LAW_EXCESS, LAW_EXCESS_OF_AVERAGE, LAW_OF_TIME, LAW_PLAINER, LAW_SHARE
-from gyrowheel_analysis.reduction.groups import speed_groups
-from gyrowheel_analysis.residuals.fits import (
-    BySpeed,
-    Change,
-    along_variable,
-    by_speed,
-    exponent,
-    linear,
-    where_usual,
-)
+from gyrowheel_analysis.reduction.windows import Windows, speed_groups
 from gyrowheel_analysis.residuals.windows import Part, WindowResiduals
+from gyrowheel_core.units import DEG
+
+
+def pattern(name: str, w: Windows, load: NDArray[Any] | None = None) -> NDArray[Any]:
+    """Return a way in which a residual may depend on the motion, for an amplitude of one; zero where it is not there.
+
+    ``tilt``: the tilt [rad]; ``mirror``: its mirror image; ``square``: its square; ``cube``: its cube;
+    ``rate``: its rate [rad/s];
+    ``load``: what the model asks of the coils [N m]; ``still``: one; ``acceleration``: of the spin [rad/s^2];
+    ``table``: rate of the table about the axes of the case [rad/s]; ``room``: a direction that stands in the room while
+    the rig turns.
+    """
+    z = np.asarray(w.mean_tilt)
+    if name == "tilt":
+        return z
+    if name == "mirror":
+        return np.conj(z)
+    if name == "cube":
+        return z * np.abs(z) ** 2
+    if name == "square":
+        return np.abs(z) ** 2
+    if name == "rate":
+        return np.where(np.abs(w.mean_tilt_rate) > 0.5 * DEG, w.mean_tilt_rate, 0.0)
+    if name == "load":
+        return np.zeros(len(w)) if load is None else load
+    if name == "acceleration":
+        return np.where(np.abs(w.mean_spin_acceleration) > 1.0, w.mean_spin_acceleration, 0.0)
+    if name == "table":
+        return np.asarray(w.table_rate * w.up_across)
+    if name == "room":
+        # where the rig is not turned it is the same as a direction in the case
+        return w.home_x if np.ptp(np.angle(w.home_x * np.exp(0.1j))) > 0.1 else np.zeros(len(w))
+    return np.ones(len(w))
+
+
+Array = NDArray[np.float64]
+Speeds = Sequence[NDArray[np.int64]]
+
+#: Variables, besides speed and tilt, with which an amplitude may change: the smallest informative range.
+_VARIABLES = {
+    "coils": 4.0,  # K
+    "motor": 4.0,
+    "magnets": 2.0,
+    "air": 0.1,  # atmospheres
+    "up": 0.5,
+    "time": 5.0,  # s
+}
+
+
+@dataclass(frozen=True)
+class BySpeed:
+    """A pattern with a separate amplitude at every speed.
+
+    Attributes
+    ----------
+    pattern : str
+        Which one, see `growth.pattern`.
+    speed : ndarray (k,)
+        The speeds [rad/s], slowest first.
+    amplitude : ndarray (k,)
+        Amplitude at each, complex for a kind of two rows [unit of the kind, over that of the pattern].
+    weight : ndarray (k,)
+        Weight of each in the sum of squares: the inverse variance of white noise.
+    explained : float
+        Part of the sum of squares that the pattern explains.
+    sure : ndarray (k,)
+        Inverse variance of the amplitudes: `weight`, but for averages, which may drift together at a speed.
+    """
+
+    pattern: str
+    speed: Array
+    amplitude: NDArray[Any]
+    weight: Array
+    explained: float
+    sure: Array
+
+    @property
+    def mean(self) -> complex:
+        """Mean amplitude."""
+        return complex(np.sum(self.weight * self.amplitude) / np.sum(self.weight))
+
+    @property
+    def sizes(self) -> Array:
+        """The amplitudes (k,) along the mean one."""
+        mean = self.mean
+        return np.asarray(np.real(self.amplitude * np.conj(mean)) / max(abs(mean), 1e-300))
+
+
+@dataclass(frozen=True)
+class Change:
+    """Change of the amplitude of a pattern with a variable other than the speed.
+
+    Attributes
+    ----------
+    pattern, variable : str
+        Which ones.
+    low, high : float
+        Range of the variable [K, atmospheres, 1 or s].
+    at_low, at_high : float
+        Amplitude at its ends, along `direction`.
+    direction : complex
+        Direction of the amplitude, of size one.
+    gain : float
+        Part of the sum of squares that it explains.
+    """
+
+    pattern: str
+    variable: str
+    low: float
+    high: float
+    at_low: float
+    at_high: float
+    direction: complex
+    gain: float
+
+
+def by_speed(name: str, part: Part, w: Windows, speeds: Speeds) -> BySpeed | None:
+    """Return a pattern with its amplitude at every speed; None where the windows do not have it.
+
+    Parameters
+    ----------
+    name : str
+        The pattern.
+    part : Part
+        The residual in every window.
+    w : Windows
+        The windows.
+    speeds : sequence of ndarray
+        Places of the windows of each speed, see `grouping.speed_groups`.
+    """
+    p, weight = pattern(name, w, part.load), part.weight
+    real = not np.iscomplexobj(part.values)
+    rows = []
+    for index in speeds:
+        g, q, r = weight[index], p[index], part.values[index]
+        norm = float(np.sum(g * np.abs(q) ** 2))
+        if norm > 0.0:
+            a = np.sum(g * r * np.conj(q)) / norm
+            alone = norm / len(index) if part.kind.group == "average" else norm
+            rows.append((float(np.mean(w.mean_spin[index])), a.real if real else a, norm, alone))
+    if not rows:
+        return None
+    speed, amplitude, norms, sure = (np.array(column) for column in zip(*rows, strict=True))
+    return BySpeed(name, speed, amplitude, norms, float(np.sum(np.abs(amplitude) ** 2 * norms)), sure)
+
+
+def where_usual(found: BySpeed, part: Part, w: Windows) -> BySpeed:
+    """Return the amplitudes in windows in which only the speed varies, if every speed has such windows."""
+    usual = _usual(w)
+    if usual.all():
+        return found
+    alike = by_speed(found.pattern, part.at(usual), w.select(usual), speed_groups(w.mean_spin[usual]))
+    return alike if alike is not None and len(alike.speed) == len(found.speed) else found
+
+
+def _usual(w: Windows) -> NDArray[np.bool_]:
+    """Return which windows have the median air pressure, attitude and coil temperature."""
+    air, up = float(np.median(w.air_pressure)), float(np.median(w.up))
+    same = (np.abs(w.air_pressure / air - 1.0) < 0.2) & (np.abs(w.up - up) < 0.5)
+    return same & (np.abs(w.coil_temperature - np.median(w.coil_temperature)) < 8.0)
+
+
+def linear(name: str, part: Part, w: Windows) -> Iterator[Change]:
+    """Yield a pattern whose amplitude is a straight line in a variable, for each variable; its gain is the whole."""
+    p = pattern(name, w, part.load)
+    if not np.any(np.abs(p) > 0.0):
+        return
+    root = np.sqrt(part.weight)
+    for variable, v in _variables(w, part).items():
+        low, high = float(v.min()), float(v.max())
+        design = np.column_stack([p * root, p * (v - low) * root])
+        if np.iscomplexobj(part.values):
+            solution, *_ = np.linalg.lstsq(design.astype(complex), part.values * root, rcond=1e-9)
+        else:
+            solution, *_ = np.linalg.lstsq(design.real, part.values * root, rcond=1e-9)
+        ends = np.array([solution[0], solution[0] + solution[1] * (high - low)])
+        unit = _direction(complex(ends[int(np.argmax(np.abs(ends)))]), part)
+        at = np.real(ends * np.conj(unit))
+        explained = float(np.sum(np.abs(design @ solution) ** 2))
+        yield Change(name, variable, low, high, float(at[0]), float(at[1]), unit, explained)
+
+
+def along_variable(best: BySpeed, part: Part, w: Windows, speeds: Speeds) -> Change | None:
+    """Return the variable with which the amplitude varies at a given speed, if that explains much of the residual."""
+    total = float(np.sum(part.squares))
+    p, weight = pattern(best.pattern, w, part.load), part.weight
+    level = best.mean
+    everywhere = weight * np.abs(p) ** 2
+    found: list[Change] = []
+    for name, v in _variables(w, part).items():
+        gain, slopes, weights = 0.0, [], []
+        for index in speeds:
+            g, q, r, x = weight[index], p[index], part.values[index], v[index]
+            norm = g * np.abs(q) ** 2
+            if norm.sum() == 0.0 or np.ptp(x) < 0.2 * _VARIABLES[name]:
+                continue
+            x = x - np.sum(norm * x) / norm.sum()
+            spread = float(np.sum(norm * x**2))
+            if spread <= 0.0:
+                continue
+            slope = np.sum(g * x * r * np.conj(q)) / spread
+            gain += abs(slope) ** 2 * spread
+            slopes.append(slope)
+            weights.append(spread)
+        if not slopes:
+            continue
+        slope = complex(np.average(slopes, weights=weights))
+        middle = float(np.sum(everywhere * v) / everywhere.sum())
+        low, high = float(v.min()), float(v.max())
+        unit = _direction(slope if abs(slope) * (high - low) > abs(level) else level, part)
+        base, rise = (level * np.conj(unit)).real, (slope * np.conj(unit)).real
+        at_low, at_high = base + rise * (low - middle), base + rise * (high - middle)
+        found.append(Change(best.pattern, name, low, high, at_low, at_high, unit, gain))
+    change = max(found, key=lambda c: c.gain, default=None)
+    return change if change is not None and change.gain > 0.2 * total else None
+
+
+def _variables(w: Windows, part: Part) -> dict[str, Array]:
+    """Return the variables that vary enough in these windows.
+
+    The temperatures of the motor follow the plan and matter to the motor only.
+    """
+    values = {
+        "coils": w.coil_temperature,
+        "motor": w.motor_temperatures[:, 0],
+        "magnets": w.motor_temperatures[:, 1],
+        "air": w.air_pressure / 101325.0,
+        "up": w.up,
+        "time": w.middle,
+    }
+    if part.kind.quantity == "coil_torque":
+        del values["motor"], values["magnets"]
+    return {name: v for name, v in values.items() if float(np.ptp(v)) >= _VARIABLES[name]}
+
+
+def _direction(amplitude: complex, part: Part) -> complex:
+    """Return the direction of an amplitude, of size one; one for a kind of one row, whose amplitudes are real."""
+    turning = np.iscomplexobj(part.values) and abs(amplitude) > 0.0
+    return amplitude / abs(amplitude) if turning else 1.0 + 0.0j
+
+
+def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] | None:
+    """Return the exponent of a power law of the speed and its error; None where a power law does not fit.
+
+    Parameters
+    ----------
+    speed, sizes, weight : ndarray (k,)
+        Speeds [rad/s], sizes at these, and the inverse variance of the sizes.
+    """
+    if float(speed.max() / speed.min()) < 1.3:
+        return None
+    reference = float(np.exp(np.average(np.log(speed), weights=weight)))
+    largest = float(np.abs(sizes).max())
+    if largest == 0.0:
+        return None
+    sizes, weight = sizes / largest, weight * largest**2
+
+    def law(x: Array, amplitude: float, n: float) -> Array:
+        return np.asarray(amplitude * (x / reference) ** n)
+
+    def slopes(x: Array, amplitude: float, n: float) -> Array:
+        power = (x / reference) ** n
+        return np.column_stack([power, amplitude * power * np.log(x / reference)])
+
+    start = (float(np.average(sizes, weights=weight)), 1.0)
+    try:
+        found, _ = curve_fit(
+            law, speed, sizes, p0=start, sigma=1.0 / np.sqrt(weight), jac=slopes, maxfev=2000
+        )
+    except RuntimeError:
+        return None
+    design = slopes(speed, *found)
+    covariance = np.linalg.pinv(design.T @ (weight[:, None] * design), hermitian=True)
+    left = float(np.sum(weight * (sizes - law(speed, *found)) ** 2))
+    # where the scatter exceeds the noise, the scatter gives the uncertainty
+    error = float(np.sqrt(covariance[1, 1] * max(1.0, left / max(len(speed) - 2, 1))))
+    if left > 0.05 * float(np.sum(weight * sizes**2)):
+        return None
+    return (float(found[1]), error) if error < 0.5 and abs(found[1]) < 6.0 else None
+
 
 _MOST_LAWS = 3
 
 
 @dataclass(frozen=True)
 class SpeedLaw:
-    """How an amplitude goes with the spin rate.
+    """Dependence of an amplitude on the spin rate.
 
     Attributes
     ----------
@@ -57,16 +332,16 @@ class Growth:
     part : str
         Which residual, see `channels.CHANNELS`.
     pattern : str
-        How it goes with the motion, see `patterns.pattern`.
+        Its dependence on the motion, see `pattern`.
     amplitude : complex or None
         Mean amplitude [unit of the kind, over that of the pattern]; None where it changes so much with
-        `change.variable` that a mean says nothing.
+        `change.variable` that a mean is meaningless.
     uniform : bool
         Whether the amplitude is nearly the same at every spin rate.
     speed : SpeedLaw or None
-        How it goes with the spin rate; None where that says nothing.
+        Its dependence on the spin rate; None where that is not known.
     change : Change or None
-        How it changes with something else; None where it does not.
+        Its dependence on another variable; None where it has none.
     """
 
     part: str
@@ -101,7 +376,7 @@ def _least(part: Part) -> float:
 
 
 def _law(name: str, data: WindowResiduals) -> Growth | None:
-    """Return how one part goes with the motion; None where nothing describes more than half of it."""
+    """Return the law of one part; None where nothing describes more than half of it."""
     part, w = data.parts[name], data.windows
     kind, total = part.kind, float(np.sum(part.squares))
     half = 0.5 * (total - part.rows)
@@ -133,7 +408,7 @@ def _law(name: str, data: WindowResiduals) -> Growth | None:
 
 
 def _speed_law(found: BySpeed) -> SpeedLaw | None:
-    """Return how a size goes with the spin rate: a power where that describes it, else both ends."""
+    """Return the dependence of a size on the spin rate: a power where that describes it, else both ends."""
     speed, sizes = found.speed, found.sizes
     if len(speed) < 2:
         return None

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import COILS
-from gyrowheel_analysis.reduction import Windows
-from gyrowheel_analysis.reduction.groups import UPRIGHT, octants, speed_groups
+from gyrowheel_analysis.reduction.windows import UPRIGHT, Windows, octants, speed_groups
 from gyrowheel_analysis.residuals.windows import WindowResiduals
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG
@@ -22,7 +21,7 @@ Array = NDArray[np.float64]
 
 #: Over what a map can be made.
 VARIABLES = ("tilt", "azimuth", "speed", "time", "temperature")
-#: What a comparison shows, and holds, if nothing else is asked for.
+#: Map that a comparison contains and shows by default.
 DEFAULT = ("speed", "tilt")
 _MOST = 8  # cells along a variable
 
@@ -49,7 +48,7 @@ class Span:
 
 @dataclass(frozen=True)
 class Cell:
-    """What is left of the residual in one cell of a map.
+    """The residual in one cell of a map.
 
     Attributes
     ----------

@@ -9,24 +9,23 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.reduction import Windows
-from gyrowheel_analysis.reduction.groups import speed_groups
+from gyrowheel_analysis.reduction.windows import Windows, speed_groups
 from gyrowheel_analysis.residuals.windows import Part, WindowResiduals
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 
 _SHOWN = 5
 
-#: What sets windows of one spin rate apart.
+#: Conditions that distinguish windows of one spin rate.
 Condition = Literal["cone", "low_pressure", "warm_coils", "inverted"]
-#: What a residual looks like: an offset from the model; nothing but noise; in proportion to the tilt; constant;
+#: Form of a residual: an offset from the model; nothing but noise; in proportion to the tilt; constant;
 #: neither of these; or of no single kind.
 Form = Literal["offset", "noise", "tilt", "constant", "neither", "mixed"]
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a residual looks like in some windows.
+    """Form of a residual in some windows.
 
     Attributes
     ----------
@@ -61,7 +60,7 @@ class Region:
     share_of_chi2 : float
         Its share of the sum of squares of the residuals in units of their noise.
     look : Look
-        What the residual looks like there.
+        Form of the residual there.
     """
 
     part: str
@@ -110,7 +109,7 @@ def _places(w: Windows, bench: Bench) -> list[tuple[int, tuple[Condition, ...]]]
 
 
 def _look(part: Part, tilt: NDArray[Any]) -> Look:
-    """Return what a residual looks like in windows with these tilts."""
+    """Return the form of a residual in windows with these tilts."""
     kind, r = part.kind, part.values
     rms, noise = _rms(r), _rms(part.sigma)
     if not np.iscomplexobj(r):

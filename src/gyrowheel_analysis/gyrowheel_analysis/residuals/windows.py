@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS, Channel
-from gyrowheel_analysis.reduction import Windows
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_analysis.residuals.error_table import channel_values
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Part:
     sigma : ndarray (n,)
         Standard deviation of its noise, of one of two rows.
     load : ndarray (n,) or None
-        What the model asks for [unit of the kind]; None where that is not known.
+        Prediction of the model [unit of the kind]; None where it is not known.
     """
 
     kind: Channel

@@ -10,7 +10,7 @@ from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import InstrumentFinding
-    from gyrowheel_analysis.reduction.not_as_stated import ReadingFinding
+    from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 
 #: Readings in a sentence, by channel.
 READINGS = {

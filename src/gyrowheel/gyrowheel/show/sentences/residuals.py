@@ -13,8 +13,7 @@ from gyrowheel_core.units import RPM, unit_for
 if TYPE_CHECKING:
     from gyrowheel_analysis.channels import Channel
     from gyrowheel_analysis.residuals.dependence import Dependence, PartDependence
-    from gyrowheel_analysis.residuals.fits import Change
-    from gyrowheel_analysis.residuals.growth import Growth, SpeedLaw
+    from gyrowheel_analysis.residuals.growth import Change, Growth, SpeedLaw
     from gyrowheel_analysis.residuals.regions import Region
 
 #: Titles of the variables on which a residual may depend, in tables, sentences and pictures.

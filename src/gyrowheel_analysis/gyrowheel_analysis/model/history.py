@@ -1,15 +1,55 @@
-"""What an entry of the history keeps of the model before it: only what was different.
+"""The history of a model: differences between two models, and what an entry keeps of the model before it.
 
-A copy of the whole model in every entry would let its file grow with the square of the number of changes, until it is
-longer than any file that is read.
+An entry keeps only what was different: a copy of the whole model in every entry would let its file grow with the square
+of the number of changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from gyrowheel_core.errors import InputError
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
+    """Return what differs between the contents of two model files, a line each; histories are not compared.
+
+    A line begins with ``+`` for what is new, ``-`` for what is gone and ``~`` for what has changed.
+    """
+    lines = []
+    old, new = dict(_flat(before)), dict(_flat(after))
+    for key in [*old, *(k for k in new if k not in old)]:
+        if key not in new:
+            lines.append(f"- {key}: {old[key]}")
+        elif key not in old:
+            lines.append(f"+ {key}: {new[key]}")
+        elif old[key] != new[key]:
+            lines.append(f"~ {key}: {old[key]} -> {new[key]}")
+    return lines
+
+
+def _flat(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "bench", str(content["bench"])
+    for part in ("overrides", "effects"):
+        for name, entry in content[part].items():
+            if "declaration" in entry:
+                for key, value in _flat_declaration(entry["declaration"]):
+                    yield f"{part}.{name}.{key}", value
+                entry = {key: value for key, value in entry.items() if key != "declaration"}
+            items = {"": entry} if "value" in entry else {f".{key}": value for key, value in entry.items()}
+            for key, value in items.items():
+                yield f"{part}.{name}{key}", f"{value['value']:.6g} ± {value['standard_error']:.2g}"
+
+
+def _flat_declaration(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in content.items():
+        if isinstance(value, dict):
+            for inner, text in _flat_declaration(value):
+                yield f"{key}.{inner}", text
+        else:
+            yield key, str(value)
+
 
 #: The parts of a model file that a change may concern.
 PARTS: Final = ("overrides", "effects")
@@ -17,7 +57,7 @@ _BACK, _ORDER = "back", "order"
 
 
 def kept(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what leads from a model back to the one before it.
+    """Return the changes that lead from a model back to the one before it.
 
     Of every override and effect that differs its values are kept, null for what was not there; and the order of a part
     where that is another one.
@@ -54,7 +94,7 @@ def restored(after: Mapping[str, Any], undo: Any, where: str) -> dict[str, Any]:
     after : mapping
         The content of the model file with the change.
     undo : Any
-        What was kept: that of `kept`, or overrides and effects as a whole, as earlier versions wrote them.
+        Result of `kept`, or overrides and effects as a whole, as earlier versions wrote them.
     where : str
         Where it stands, for the error.
 
