@@ -12,12 +12,11 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gyrowheel_air import MODELS, get_model
 from gyrowheel_air.cfd.case import Case
 from gyrowheel_air.check import check_table
 from gyrowheel_air.correlations import Correlation, Vorticity
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.surrogate import air_effects, coefficients, fit_model, fit_table
+from gyrowheel_air.surrogate import MODELS, air_effects, coefficients, fit_model, fit_table, get_model
 from gyrowheel_air.table import Table, TorqueTable
 from gyrowheel_air.torque import AirModel
 from gyrowheel_core.errors import InputError

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gyrowheel_air import get_model
 from gyrowheel_air.cfd.mesh import MESHES
 from gyrowheel_air.check import check_table
-from gyrowheel_air.surrogate import air_effects
+from gyrowheel_air.surrogate import air_effects, get_model
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_core.units import DEG, RPM
 

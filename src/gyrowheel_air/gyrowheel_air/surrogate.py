@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gyrowheel_air import get_model
+from gyrowheel_air.correlations import Correlation, Vorticity
 from gyrowheel_air.geometry import Geometry
 from gyrowheel_air.state import AirState
 from gyrowheel_air.table import Table, TorqueTable
@@ -332,7 +332,7 @@ def air_effects(
     Parameters
     ----------
     model : str
-        One of `gyrowheel_air.MODELS`. Effects that it does not describe are left out.
+        One of `MODELS`. Effects that it does not describe are left out.
     bench : Bench, optional
         Bench at whose reference speed and density the sizes are wanted; the shipped one by default.
     geometry : Geometry, optional
@@ -363,3 +363,29 @@ def air_effects(
             effect: {name: pair[1] for name, pair in members.items()} for effect, members in found.items()
         },
     )
+
+
+MODELS = ("correlation", "vorticity", "table", "surrogate")
+
+
+def get_model(name: str, table: TorqueTable | None = None) -> AirModel:
+    """Return a model of the air by name.
+
+    Parameters
+    ----------
+    name : str
+        Of `MODELS`.
+    table : TorqueTable, optional
+        Table for ``table`` and ``surrogate``; the shipped one by default.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown.
+    """
+    if name in ("correlation", "vorticity"):
+        return Correlation() if name == "correlation" else Vorticity()
+    if name not in MODELS:
+        raise InputError(f"air model: {name!r} is not known; allowed: {', '.join(MODELS)}")
+    rows = TorqueTable.load() if table is None else table
+    return Table(rows) if name == "table" else fit_table(rows)

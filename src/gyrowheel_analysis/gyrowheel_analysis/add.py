@@ -103,7 +103,7 @@ def add_effect(
     names : sequence of str or Effect
         Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model has is
         fitted again. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
-        for the effects that a model of the air has (`gyrowheel_air.MODELS`); their coefficients are fitted
+        for the effects that a model of the air has (`gyrowheel_air.surrogate.MODELS`); their coefficients are fitted
         within the uncertainties that it states.
     fit : sequence of Recording
         Recordings on which coefficients and bench parameters are fitted.

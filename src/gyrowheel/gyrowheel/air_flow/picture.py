@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from gyrowheel.show.figure import Picture, finished, headline
 from gyrowheel.show.style import BLUE, FAINT, GREEN, INK, PINK, SOFT, VERMILION, style
-from gyrowheel_air import get_model
 from gyrowheel_air.cfd.case import Result
 from gyrowheel_air.correlations import drag
 from gyrowheel_air.flow import Flow, of_study
 from gyrowheel_air.geometry import Geometry
 from gyrowheel_air.state import density_change, reynolds_number
+from gyrowheel_air.surrogate import get_model
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_core.units import DEG, RPM
 

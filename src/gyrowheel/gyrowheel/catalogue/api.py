@@ -246,9 +246,9 @@ def new_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> None:
     InputError
         If the file exists or cannot be written, or the bench can run no plan.
     """
-    from gyrowheel_control.plans.adaptation import skeleton
+    from gyrowheel_control.plans.adaptation import plan_template
 
-    _write_new(Path(file), lambda: skeleton(load_bench(bench), Path(file).stem))
+    _write_new(Path(file), lambda: plan_template(load_bench(bench), Path(file).stem))
 
 
 def plan_schema() -> dict[str, Any]:

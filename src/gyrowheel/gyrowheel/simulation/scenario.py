@@ -62,7 +62,7 @@ def scenario(
     effects : mapping or sequence
         {effect: {coefficient: value}}, or effects as ``NAME``, as ``NAME:COEF=VALUE,...`` or as `Effect`; coefficients
         that are not given take their usual size. ``aero:MODEL`` stands for all effects of an air model
-        (`gyrowheel_air.MODELS`) but ``table``: the simulated air follows power laws.
+        (`gyrowheel_air.surrogate.MODELS`) but ``table``: the simulated air follows power laws.
     truth : Model, optional
         A model whose effects and estimated parameters the machine has, in addition to `effects`.
     blind : Path, optional
