@@ -136,7 +136,7 @@ def test_every_part_has_its_place(package: Package) -> None:
 
 
 def test_the_command_line_knows_the_front_door_alone() -> None:
-    """Verbs use the API and what presents its results; of the packages below, errors, units and folders of the user alone."""
+    """Verbs use the API and what presents its results; of the packages below, errors, units and user folders."""
     allowed = {"gyrowheel_core.cache", "gyrowheel_core.errors", "gyrowheel_core.units"}
     for path in (SRC / "gyrowheel" / "gyrowheel").rglob("*.py"):
         if path.parent.name == "cli" or path.stem.endswith("verb"):
