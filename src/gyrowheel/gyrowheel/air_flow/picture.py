@@ -96,11 +96,9 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
     speed = next(row.case.spin_rate for row in rows if row.case.tilt == tilt)
     base = [r for r in (table.at(tilt, speed), table.at(0.0, speed)) if r is not None]
     figure, axes = _figure(1, 3, (12.0, 4.6))
-    for i, panel in enumerate(axes):
-        for model, (colour, marker, label) in _TURBULENCE_LOOK.items():
-            for place, filled in ((tilt, True), (0.0, False)):
-                if i < 2 and not filled:
-                    continue  # zero by symmetry: shows nothing
+    for component, panel in enumerate(axes):
+        for model in _TURBULENCE_LOOK:
+            for place in (tilt, 0.0):
                 found = sorted(
                     (
                         r
@@ -109,31 +107,10 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
                     ),
                     key=lambda r: int(r.provenance["cells"]),
                 )
-                if found:
-                    panel.errorbar(
-                        [r.provenance["cells"] / 1e3 for r in found],
-                        [1e3 * abs(r.torque.mean[i]) for r in found],
-                        [1e3 * r.torque.scatter[i] for r in found],
-                        color=colour,
-                        marker=marker,
-                        markerfacecolor=colour if filled else "white",
-                        markersize=7,
-                        # the k-epsilon rows differ in more than their number of cells
-                        linestyle="-" if model == "sst" else "none",
-                        linewidth=1.0,
-                        capsize=3,
-                        label=label if filled else None,
-                    )
-                for r in found if model == "paper" and filled else []:
-                    panel.annotate(
-                        f"y⁺ {r.y_plus['rotor'][0]:.0f}",
-                        (r.provenance["cells"] / 1e3, 1e3 * abs(r.torque.mean[i])),
-                        xytext=(7, -12),
-                        textcoords="offset points",
-                        fontsize=9,
-                        color=colour,
-                    )
-        if i == 2:
+                # at no tilt T1 and T2 are zero by symmetry, which shows nothing
+                if found and (place == tilt or component == 2):
+                    _over_cells(panel, component, model, found, filled=place == tilt)
+        if component == 2:
             expected = drag(_geometry(table), table.air, speed, regime="II")
             panel.axhline(1e3 * expected.total, color=SOFT, linestyle="--", linewidth=1)
             panel.annotate(
@@ -145,7 +122,7 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
                 fontsize=9,
                 color=SOFT,
             )
-        panel.set_title(_NAMES[i])
+        panel.set_title(_NAMES[component])
         panel.set_xlabel("thousand cells")
         panel.set_ylim(bottom=0.0)
     axes[0].set_ylabel("magnitude of the torque, mN·m")
@@ -159,6 +136,37 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
     return figure, (
         "Torques against the number of cells; not at zero tilt, where symmetry makes T1 and T2 zero on every mesh."
     )
+
+
+def _over_cells(panel: Axes, component: int, model: str, found: Sequence[Result], *, filled: bool) -> None:
+    """Draw one component of the torque over the number of cells, with the y+ of wall functions."""
+    colour, marker, label = _TURBULENCE_LOOK[model]
+    cells = [r.provenance["cells"] / 1e3 for r in found]
+    size = [1e3 * abs(r.torque.mean[component]) for r in found]
+    panel.errorbar(
+        cells,
+        size,
+        [1e3 * r.torque.scatter[component] for r in found],
+        color=colour,
+        marker=marker,
+        markerfacecolor=colour if filled else "white",
+        markersize=7,
+        linestyle="-"
+        if model == "sst"
+        else "none",  # the k-epsilon rows differ in more than their number of cells
+        linewidth=1.0,
+        capsize=3,
+        label=label if filled else None,
+    )
+    for r, x, y in zip(found, cells, size, strict=True) if model == "paper" and filled else ():
+        panel.annotate(
+            f"y⁺ {r.y_plus['rotor'][0]:.0f}",
+            (x, y),
+            xytext=(7, -12),
+            textcoords="offset points",
+            fontsize=9,
+            color=colour,
+        )
 
 
 def numbers(table: TorqueTable) -> tuple[Figure, str]:

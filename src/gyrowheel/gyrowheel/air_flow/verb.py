@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from gyrowheel.cli.console import advancing, finding, notes, out, put_json, put_text
+from gyrowheel.cli.console import advancing, finding, notes, out, put_content
 from gyrowheel.cli.options import Json, example
 from gyrowheel.cli.outputs import TORQUE_TABLE
 from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
@@ -127,10 +127,7 @@ def air(
 
     state = air_state(temperature, pressure)
     found = compare(Geometry.load(geometry), state, (tilt * DEG, 0.0), speed * RPM, TorqueTable.load(table))
-    if json is not None:
-        put_json(json, found.to_json())
-    if json != "-":
-        put_text(render.comparison_page(found))
+    put_content(json, found.to_json(), render.comparison_page(found))
 
 
 @cfd_app.command(epilog=example("gyrowheel cfd mesh --tilt 5 --mesh low_re -o runs/mesh"))
@@ -151,10 +148,7 @@ def mesh(
     with disk_errors(output):
         quality = shared_mesh(case, output)
     content = {"schema": 1, "mesh": mesh, "tilt": case.tilt, "folder": str(output / "meshes" / case.mesh_key)}
-    if json is not None:
-        put_json(json, content | quality)
-    if json != "-":
-        put_text(render.mesh_page(case, quality, str(content["folder"])))
+    put_content(json, content | quality, render.mesh_page(case, quality, str(content["folder"])))
 
 
 @cfd_app.command(epilog=example("gyrowheel cfd run --tilt 5 --speed 3500 --mesh coarse -o runs/air"))
@@ -193,10 +187,7 @@ def run(
     )
     with disk_errors(output), advancing(f"{case.mesh} {case.model}, {tilt:g} deg, {speed:g} rpm") as advance:
         result = run_case(case, output, advance=advance)
-    if json is not None:
-        put_json(json, result.to_json())
-    if json != "-":
-        put_text(render.result_page(result, str(output / case.name)))
+    put_content(json, result.to_json(), render.result_page(result, str(output / case.name)))
 
 
 @cfd_app.command(epilog=example("gyrowheel cfd sweep -o runs/air --jobs 4"))
@@ -284,18 +275,16 @@ def sweep(
         outcome = sweeps.sweep(
             folder, settings, jobs=jobs, dask=dask, resume=resume is not None, begun=begun, tell=tell
         )
-    if json is not None:
-        put_json(
-            json,
-            {
-                "schema": 1,
-                "results": [result.to_json() for result in outcome.results],
-                "failed": outcome.failed,
-                "reused": outcome.reused,
-            },
-        )
-    if json != "-":
-        put_text(render.sweep_page(outcome, str(folder)))
+    put_content(
+        json,
+        {
+            "schema": 1,
+            "results": [result.to_json() for result in outcome.results],
+            "failed": outcome.failed,
+            "reused": outcome.reused,
+        },
+        render.sweep_page(outcome, str(folder)),
+    )
     finding(bool(outcome.failed))
 
 
@@ -335,10 +324,11 @@ def table(
             loaded.write(output)
         notes().print(f"table: {output}", soft_wrap=True)
     checks = check_table(loaded) if check else []
-    if json is not None:
-        put_json(json, render.table_json(loaded, checks))
-    if json != "-":
-        put_text(render.check_page(loaded, checks) if checks else render.table_page(loaded))
+    put_content(
+        json,
+        render.table_json(loaded, checks),
+        render.check_page(loaded, checks) if checks else render.table_page(loaded),
+    )
     finding(any(item.holds is False for item in checks))
 
 

@@ -189,11 +189,17 @@ def put(
     InputError
         If a file cannot be written, or there is nothing to draw.
     """
-    if json is not None:
-        put_json(json, result.to_dict() | dict(more or {}))
-    if json != "-":
-        put_text(itertools.chain(result.page() if page is None else page, after))
+    shown = itertools.chain(result.page() if page is None else page, after)
+    put_content(json, result.to_dict() | dict(more or {}) if json is not None else None, shown)
     put_picture(picture, result.plot, quiet=json == "-")
+
+
+def put_content(json: str | None, content: Any, page: Iterable[RenderableType]) -> None:
+    """Write a page to stdout and content as JSON where it was asked for; with ``-`` the JSON instead of the page."""
+    if json is not None:
+        put_json(json, content)
+    if json != "-":
+        put_text(page)
 
 
 def put_text(parts: Iterable[RenderableType]) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.console import advancing, notes, out, put_json, put_text, working
+from gyrowheel.cli.console import advancing, notes, out, put_content, put_json, put_text, working
 from gyrowheel.cli.options import (
     Belief,
     BenchOfRun,
@@ -299,24 +299,22 @@ def replay(
         raise typer.Exit(outcome.code)
     if not outcome.complete and not outcome.stopped:
         raise KeyboardInterrupt
-    if json is not None:
-        put_json(
-            json,
-            {
-                "schema": 1,
-                "recording": str(directory),
-                "from": start,
-                "to": start + tape.duration,
-                "complete": outcome.complete,
-                "rounds": outcome.rounds,
-                "messages": outcome.counts,
-                "left_out": outcome.left_out,
-                "wall_seconds": outcome.wall,
-                "drag_estimates": [estimate.to_dict() for estimate in outcome.estimates],
-            },
-        )
-    if json != "-":
-        put_text(replay_page(outcome, tape.duration))
+    put_content(
+        json,
+        {
+            "schema": 1,
+            "recording": str(directory),
+            "from": start,
+            "to": start + tape.duration,
+            "complete": outcome.complete,
+            "rounds": outcome.rounds,
+            "messages": outcome.counts,
+            "left_out": outcome.left_out,
+            "wall_seconds": outcome.wall,
+            "drag_estimates": [estimate.to_dict() for estimate in outcome.estimates],
+        },
+        replay_page(outcome, tape.duration),
+    )
 
 
 @contextlib.contextmanager

@@ -309,16 +309,7 @@ def _next(
         return ran.count(plan) < MOST_RUNS
 
     if found.verdict == "ambiguous":
-        test = found.next_test
-        if test is not None and fresh(test.plan):
-            return Wanted(test.plan, purpose(test))
-        for name, ties in found.ties.items():
-            for tie in ties:
-                if tie.separating_plan is not None and fresh(tie.separating_plan):
-                    return Wanted(tie.separating_plan, f"separates {name} from {tie.name}")
-        if all(tie.separating_plan is None for ties in found.ties.values() for tie in ties):
-            return False, "no test on this bench separates what is left"
-        return False, f"the tests that should separate them were run {MOST_RUNS} times and have not"
+        return _separation(found, fresh)
     if found.verdict == "insufficient_data":
         test = found.next_test
         plan, why = (test.plan, purpose(test)) if test else (BROAD, "shows most known effects")
@@ -343,6 +334,20 @@ def _next(
     if thorough and found.next_test is not None and fresh(found.next_test.plan):
         return Wanted(found.next_test.plan, purpose(found.next_test))
     return True, "nothing is open"
+
+
+def _separation(found: Diagnosis, fresh: Callable[[str], bool]) -> Wanted | tuple[bool, str]:
+    """Return the test that separates a tie; else why there is none."""
+    test = found.next_test
+    if test is not None and fresh(test.plan):
+        return Wanted(test.plan, purpose(test))
+    for name, ties in found.ties.items():
+        for tie in ties:
+            if tie.separating_plan is not None and fresh(tie.separating_plan):
+                return Wanted(tie.separating_plan, f"separates {name} from {tie.name}")
+    if all(tie.separating_plan is None for ties in found.ties.values() for tie in ties):
+        return False, "no test on this bench separates what is left"
+    return False, f"the tests that should separate them were run {MOST_RUNS} times and have not"
 
 
 def _why_so_soon(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.console import editing, out, put, put_json, put_text, working
+from gyrowheel.cli.console import editing, out, put, put_content, put_text, working
 from gyrowheel.cli.options import BenchName, ErrorPicture, Json, Mixed, ModelFile, Validation, example
 from gyrowheel.show.files import require_writable
 from gyrowheel_core.errors import InputError
@@ -153,10 +153,9 @@ def diff(
     from gyrowheel.models.page import difference
 
     before, after = Model.load(old), Model.load(new)
-    if json is not None:
-        put_json(json, {"schema": 1, "differences": before.diff(after)})
-    if json != "-":
-        put_text(difference(before.details, after.details))
+    put_content(
+        json, {"schema": 1, "differences": before.diff(after)}, difference(before.details, after.details)
+    )
 
 
 def _typed(formulas: Sequence[str], name: str | None, target: str | None, model: Model) -> list[Effect]:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import advancing, out, put_json, put_text, working
+from gyrowheel.cli.console import advancing, out, put, put_content, put_json, working
 from gyrowheel.cli.options import Json, RecordingMade, example
 from gyrowheel_core.errors import InputError
 
@@ -32,13 +32,9 @@ def info(
 ) -> None:
     """Show what a recording contains, and whether samples are missing."""
     from gyrowheel import Recording
-    from gyrowheel.recordings.page import info_page
 
     recording = Recording.open(directory)
-    if json is not None:
-        put_json(json, recording.to_dict())
-    if json != "-":
-        put_text(info_page(recording.info))
+    put(recording, json)
 
 
 def salvage(
@@ -64,10 +60,7 @@ def salvage(
 
     with advancing("salvaging") as advance:
         found = save(source, target, every_file=every_file, progress=advance)
-    if json is not None:
-        put_json(json, {"schema": 1, **asdict(found)})
-    if json != "-":
-        put_text(salvage_page(found))
+    put_content(json, {"schema": 1, **asdict(found)}, salvage_page(found))
 
 
 def correct(

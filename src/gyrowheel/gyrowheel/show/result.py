@@ -25,9 +25,9 @@ class Shown(abc.ABC):
     def page(self) -> Iterable[RenderableType]:
         """Return the page that ``print``, a notebook and the verb show, part by part."""
 
+    @abc.abstractmethod
     def headline(self) -> str:
-        """Return the result in one line."""
-        return str(self).strip().partition("\n")[0]
+        """Return the result in one line, as ``repr`` shows it."""
 
     def __str__(self) -> str:
         """Return the page as text, at the width of the terminal."""

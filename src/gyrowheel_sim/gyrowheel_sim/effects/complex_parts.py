@@ -75,7 +75,12 @@ def _split(e: sp.Expr, memo: dict[sp.Expr, Parts]) -> Parts:
         if not e.exp.is_Integer:
             raise ComplexArgumentError(e.base if base[1] != 0 else e.exp)
         return _power(base, int(e.exp))
-    parts = [split(a, memo) for a in e.args]
+    return _of_function(e, [split(a, memo) for a in e.args])
+
+
+def _of_function(e: sp.Expr, parts: list[Parts]) -> Parts:
+    """Return the parts of a function, given those of its arguments."""
+    zero = sp.S.Zero
     real, imaginary = parts[0]
     if isinstance(e, sp.conjugate):
         return real, -imaginary

@@ -131,39 +131,48 @@ def _verdict(found: Diagnosis) -> str:
     if found.setup:
         wrong = "; ".join(dict.fromkeys(problem(item).rstrip(".") for item in found.setup))
         return f"Nothing was diagnosed, the setup is wrong: {wrong}."
-    if found.verdict == "nothing_missing":
-        explained = "the model explains the recordings within noise and stated uncertainties."
-        hidden = dict.fromkeys(limit.effect for limit in found.limits if not limit.visible)
-        nothing = "Besides, nothing" if found.events else "Nothing"
-        if not hidden:
-            return f"{nothing} is missing: {explained}"
-        return f"{nothing} shows: {explained} {_some(list(hidden))} of a usual size could hide in them."
-    if found.verdict == "unknown":
-        if _fails_elsewhere(found):
-            return (
-                "Nothing shows in these recordings, but something is missing: "
-                f"the model does not predict {found.proof.recording if found.proof else 'others'}."
-            )
-        if any(b.kind == "impossible" for b in found.beyond) or (
-            (found.effects or found.instruments) and not found.free_form and found.beyond
-        ):
-            return "That is no explanation: something is missing that no known effect explains."
-        known = listed([named(f) for f in found.effects], "and") if found.effects else ""
-        what = f"Besides {known}, something" if known else "Something"
-        formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
-        return f"{what} is missing that no known effect explains{formula.rstrip('.')}."
-    if found.verdict == "ambiguous":
-        choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
-        choices += [
-            _either([f"{f.title} ({f.name})", *(named(tie) for tie in f.ties)])
-            for f in {f.name: f for f in found.instruments}.values()
-        ]
-        begin = "Missing" if found.effects else "Not as stated"
-        return f"{begin}: {'; and '.join(choices)}. These recordings do not separate them."
     if found.verdict == "insufficient_data":
         return f"These recordings do not show whether anything is missing: {_too_little(found)}."
+    if found.verdict in (
+        by_verdict := {"nothing_missing": _nothing, "unknown": _unknown, "ambiguous": _ties}
+    ):
+        return by_verdict[found.verdict](found)
     said = [instrument_sentence(f) for f in found.instruments]
     return " ".join([*_named_effects(found.effects), *said])
+
+
+def _nothing(found: Diagnosis) -> str:
+    explained = "the model explains the recordings within noise and stated uncertainties."
+    hidden = dict.fromkeys(limit.effect for limit in found.limits if not limit.visible)
+    nothing = "Besides, nothing" if found.events else "Nothing"
+    if not hidden:
+        return f"{nothing} is missing: {explained}"
+    return f"{nothing} shows: {explained} {_some(list(hidden))} of a usual size could hide in them."
+
+
+def _unknown(found: Diagnosis) -> str:
+    if _fails_elsewhere(found):
+        return (
+            "Nothing shows in these recordings, but something is missing: "
+            f"the model does not predict {found.proof.recording if found.proof else 'others'}."
+        )
+    named_only = (found.effects or found.instruments) and not found.free_form
+    if any(b.kind == "impossible" for b in found.beyond) or (named_only and found.beyond):
+        return "That is no explanation: something is missing that no known effect explains."
+    known = listed([named(f) for f in found.effects], "and") if found.effects else ""
+    what = f"Besides {known}, something" if known else "Something"
+    formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
+    return f"{what} is missing that no known effect explains{formula.rstrip('.')}."
+
+
+def _ties(found: Diagnosis) -> str:
+    choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
+    choices += [
+        _either([f"{f.title} ({f.name})", *(named(tie) for tie in f.ties)])
+        for f in {f.name: f for f in found.instruments}.values()
+    ]
+    begin = "Missing" if found.effects else "Not as stated"
+    return f"{begin}: {'; and '.join(choices)}. These recordings do not separate them."
 
 
 def _fails_elsewhere(found: Diagnosis) -> bool:
