@@ -211,7 +211,7 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         expect(first.locator(".asked")).to_contain_text("tilt_y")
         assert serious_faults(first) == []
         press(first.locator("#map-tilt_y-unit"), "Control+a", *"deg", "Enter")
-        expect(first.locator("#part-table .told")).to_contain_text("No question is open")
+        expect(first.locator("#part-table .told")).to_contain_text("No open questions")
         expect(first.locator("#part-table img")).to_be_visible()
         press(enabled(first.locator("button[name=take]")))
         expect(first.locator("#table")).to_be_hidden()
