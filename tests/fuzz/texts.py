@@ -141,7 +141,7 @@ def text_kinds(folder: Path) -> list[TextKind]:
         TextKind("model", [MODEL], _use_model),
         TextKind("map", [MAP], lambda file: void(ColumnMap.load(file))),
         TextKind(
-            "geometry", shipped("gyrowheel_sim", "air", "lengths:"), lambda file: void(Geometry.load(file))
+            "geometry", shipped("gyrowheel_air", "", "lengths:"), lambda file: void(Geometry.load(file))
         ),
         TextKind("scenario", [scenario.read_text(encoding="utf-8")], _use_scenario),
     ]

@@ -162,7 +162,7 @@ def test_resume_refuses_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     for name in ("numpy", "gyrowheel"):
         other = code_identity.code_identity() | {name: "1.2.3"}
         with monkeypatch.context() as patch:
-            patch.setattr(code_identity, "code_identity", lambda other=other: other)
+            patch.setattr("gyrowheel.campaigns.api.code_identity", lambda other=other: other)
             with pytest.raises(InputError, match=rf"{name}: .* this is 1\.2\.3"):
                 campaign(tmp_path / "out", resume=True)
     campaign(tmp_path / "out", resume=True)

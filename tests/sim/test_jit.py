@@ -18,7 +18,7 @@ _RUN = """
     white = covariance.whiten(np.sin(middle), 1.0)
     from gyrowheel_sim.jit import compile_source
     lines = ["@njit(cache=True)", "def own(x: float) -> float:", "    return math.sin(x) * 3.0"]
-    own = compile_source(["\\n".join(lines)], "a kernel").own
+    own = compile_source("\\n".join(lines), "a kernel").own
     value = own(0.5)
     digest = hashlib.sha256(white.tobytes() + np.float64(value).tobytes()).hexdigest()
     print(digest, sum(own.stats.cache_hits.values()))

@@ -6,9 +6,11 @@ import io
 from pathlib import Path
 from typing import Any
 
+from gyrowheel.show.style import GROUND, TICK  # first: it sets where matplotlib keeps its settings
+
+# isort: split
 from matplotlib.figure import Figure
 
-from gyrowheel.show.style import GROUND, TICK
 from gyrowheel_core.files import new_file
 
 
