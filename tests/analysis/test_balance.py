@@ -10,8 +10,8 @@ import pytest
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.criteria import MODEL_ABSOLUTE
+from gyrowheel_analysis.fitting.fit import NUISANCE_GROUPS
 from gyrowheel_analysis.fitting.preparation import samples_of
-from gyrowheel_analysis.fitting.unknowns import NUISANCE_GROUPS
 from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
@@ -110,7 +110,7 @@ def test_motor_heating_has_no_fast_update_with_an_effect_of_temperature(balance:
     assert balance.moved(balance.instants(values, []), values, after, []) is not None
 
 
-def test_a_motion_below_the_noise_needs_the_torque_of_this_machine(tmp_path: Path) -> None:
+def test_torque_of_motion_below_the_noise_depends_on_the_machine(tmp_path: Path) -> None:
     """A rotor a quarter off resists a motion twice a revolution twice as much as the one that is stated."""
     machine = hidden_machine(8, {})
     changed = {**machine.values, "rotor_inertia_z": 0.75 * machine.values["rotor_inertia_z"]}

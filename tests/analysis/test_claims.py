@@ -52,7 +52,9 @@ def a_chunk(records: bytes) -> bytes:
     ],
     ids=["nothing", "no records", "declarations"],
 )
-def test_a_chunk_that_grows_to_more_than_a_recording(records: bytes, said: str, tmp_path: Path) -> None:
+def test_chunk_with_implausible_uncompressed_content_is_refused(
+    records: bytes, said: str, tmp_path: Path
+) -> None:
     """Some kilobytes become a list of millions, if they are believed; neither reading nor salvage does."""
     file = tmp_path / "a.mcap"
     file.write_bytes(_BEGIN + a_chunk(records) + _DATA_END + the_end())
@@ -82,7 +84,7 @@ def sparse(file: Path, begin: bytes, size: int, end: bytes) -> Path:
     ],
     ids=["record", "summary"],
 )
-def test_a_hole_in_the_place_of_a_part(
+def test_sparse_record_or_summary_beyond_the_memory_limit_is_refused(
     begin: bytes, end: bytes, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = sparse(tmp_path / "a.mcap", begin, 30_000_000, end)
@@ -91,14 +93,14 @@ def test_a_hole_in_the_place_of_a_part(
         Recording.open(file)
 
 
-def test_a_hole_in_the_place_of_records_is_damage(tmp_path: Path) -> None:
+def test_sparse_file_without_records_is_damaged(tmp_path: Path) -> None:
     """It is not gone through byte by byte: nothing is a record that begins with zero."""
     file = sparse(tmp_path / "a.mcap", _BEGIN, 1 << 36, _DATA_END + the_end())
     with pytest.raises(InputError, match=rf"damaged: no record at byte {len(_BEGIN)}"):
         Recording.open(file)
 
 
-def test_one_schema_in_two_ways_is_damage(tmp_path: Path) -> None:
+def test_conflicting_declarations_of_a_schema_are_damage(tmp_path: Path) -> None:
     schemas = [a_record(SCHEMA, b"\1\0", a_text(name), a_text(""), a_text("")) for name in ("a", "b")]
     file = tmp_path / "a.mcap"
     file.write_bytes(_BEGIN + b"".join(schemas) + _DATA_END + the_end())
@@ -106,7 +108,7 @@ def test_one_schema_in_two_ways_is_damage(tmp_path: Path) -> None:
         Recording.open(file)
 
 
-def test_declarations_count_as_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_declarations_count_towards_the_memory_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     schemas = [
         a_record(SCHEMA, struct.pack("<H", k), a_text(""), a_text(""), a_text("x" * 100_000))
         for k in range(1, 31)
@@ -120,7 +122,7 @@ def test_declarations_count_as_memory(tmp_path: Path, monkeypatch: pytest.Monkey
         salvage(file, tmp_path / "saved")
 
 
-def test_what_is_salvaged_does_not_grow_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_salvage_stops_at_the_limit_of_unpacked_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Salvage writes chunks as they are unpacked: a small file does not fill the disk."""
     messages = [(k, bytes(100_000)) for k in range(50)]
     path = foreign(tmp_path / "bag", messages, compression=CompressionMode.STORAGE)
@@ -141,7 +143,7 @@ def chunks(data: bytearray) -> list[int]:
     return found
 
 
-def test_the_search_for_chunks_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_search_for_chunks_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each beginning of a chunk that is none would be read to the end of the file; what was before is kept."""
     whole = next(record(tmp_path / "run", measurements(400)).glob("*.mcap"))
     damaged = bytearray(whole.read_bytes())
@@ -214,7 +216,7 @@ _DEEP = "(" * 12 + "1" + ")" * 12
     ],
     ids=["itself", "texts", "types", "long", "no name", "brackets", "shift", "sequences", "comments"],
 )
-def test_a_definition_as_no_type_has(
+def test_implausible_type_definition_is_refused(
     type_name: str, encoding: str, text: str, said: str, tmp_path: Path
 ) -> None:
     """What would take the parser hours, or code for each of a billion elements, is refused at once."""
@@ -224,7 +226,7 @@ def test_a_definition_as_no_type_has(
     assert len(str(refused.value)) < 1000
 
 
-def test_a_description_far_longer_than_any(tmp_path: Path) -> None:
+def test_overlong_bench_description_is_refused(tmp_path: Path) -> None:
     """Brackets without end become objects of twenty times their size."""
     with RecordingWriter(tmp_path / "run") as writer:
         writer.write(topics.BENCH, wire.pack_text("[" + "[]," * 400_000 + "[]]"), 0)
@@ -240,7 +242,7 @@ def test_a_description_far_longer_than_any(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.mcap", "metadata.yaml"])
-def test_a_pipe_in_a_folder_is_not_waited_for(name: str, tmp_path: Path) -> None:
+def test_pipe_in_a_folder_does_not_block(name: str, tmp_path: Path) -> None:
     folder = record(tmp_path / "run", measurements())
     (folder / name).unlink(missing_ok=True)
     os.mkfifo(folder / name)

@@ -94,7 +94,7 @@ def test_settled_holds_have_the_same_estimates_alone_as_among_all(run: Run) -> N
 
 
 @pytest.mark.slow
-def test_the_work_for_a_hold_grows_with_its_length_only(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_work_for_a_hold_is_linear_in_its_length(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     lengths = []
 
     def counting(data: Samples, *rest: Any) -> Any:
@@ -127,7 +127,7 @@ def serialized(run: Run, seconds: float) -> tuple[list[bytes], list[bytes]]:
     return samples, setpoints
 
 
-def test_the_environment_is_that_of_the_topic(run: Run) -> None:
+def test_environment_is_taken_from_the_topic(run: Run) -> None:
     model = replace(Model.new(), effects={"gravity_offset": {"G": 6.0e-3}})
     samples, setpoints = serialized(run, 5.0)
 

@@ -96,7 +96,7 @@ MACHINES = pytest.mark.parametrize("machines", [3, pytest.param(10, marks=pytest
 
 
 @MACHINES
-def test_the_torque_is_that_of_the_machine_within_three_standard_errors(machines: int) -> None:
+def test_estimated_torque_equals_the_true_one_within_three_standard_errors(machines: int) -> None:
     scores, differences = [], []
     for number in range(machines):
         effects = AIR if number else {}
@@ -173,7 +173,7 @@ def test_standard_errors_include_every_stated_uncertainty() -> None:
     assert tilted.constants_std[0] == pytest.approx(parts[0], rel=0.02)
 
 
-def test_the_pressure_of_the_air_is_uncertain_too() -> None:
+def test_standard_error_includes_the_uncertainty_of_the_air_pressure() -> None:
     model, dull = believing(AIR), replace(BENCH.parameters["pressure_bias"], uncertainty=2000.0)
     other = replace(
         model, stated_bench=replace(BENCH, parameters={**BENCH.parameters, "pressure_bias": dull})
@@ -193,7 +193,7 @@ def test_every_field_is_finite_while_a_hold_is_under_way_and_after() -> None:
                 assert np.all(np.isfinite(getattr(estimate, name))), name
 
 
-def test_without_air_in_the_model_the_difference_is_the_torque_of_the_air() -> None:
+def test_residual_of_a_model_without_air_is_the_torque_of_the_air() -> None:
     without, with_air = holds(air_run(), Model(BENCH)), holds(air_run(), believing(AIR))
     cross, size = AIR["aero_cross"]["c"], []
     for plain, known in zip(without, with_air, strict=True):
@@ -225,14 +225,14 @@ def test_the_reference_is_the_last_hold_before_that_is_upright_at_the_same_speed
     assert [e.reference_segment for e in few] == [0, 0, 0, 3, 3]
 
 
-def test_increments_of_voltage_are_those_that_the_model_predicts() -> None:
+def test_voltage_increments_equal_the_predicted_ones() -> None:
     for e in holds(air_run(), believing(AIR)):
         # the model's own prediction has the noise of the measured motion in it, the motor's most of all
         error = np.hypot(e.voltage_increment_std, [1e-3, 1e-3, 5e-3])
         assert np.all(np.abs(e.voltage_increment - e.simulated_voltage_increment) < 4.0 * error)
 
 
-def test_the_noise_is_that_of_the_data() -> None:
+def test_standard_errors_follow_the_noise_of_the_data() -> None:
     loud = Scenario(values={"coil_voltage_noise": 0.2, "motor_current_noise": 0.5}, noise_seed=5)
     for e in holds(run_of(loud), Model(BENCH)):
         count = e.duration / BENCH.sample_period
@@ -242,7 +242,7 @@ def test_the_noise_is_that_of_the_data() -> None:
         assert e.measured_torque_std[2] == pytest.approx(0.03 * e.motor_current_std)
 
 
-def test_constants_are_stated_until_calibrated() -> None:
+def test_estimates_are_marked_calibrated_once_both_constants_are_learned() -> None:
     known = {"coil_constant": Override(0.021, 1e-5), "motor_constant": Override(0.031, 2e-5)}
     for stated, half, learned in zip(
         holds(air_run(), Model(BENCH)),
@@ -268,7 +268,7 @@ def test_constants_are_stated_until_calibrated() -> None:
         assert gone == pytest.approx(np.sqrt(stated_share**2 - learned_share**2), rel=0.1, abs=2e-6)
 
 
-def test_an_estimate_is_the_message() -> None:
+def test_estimate_and_message_convert_both_ways() -> None:
     names = [own.name for own in fields(Estimate)]
     assert names == ["stamp_ns", *wire.DRAG_ESTIMATE.names]
     for estimate in estimates(air_run(), believing(AIR)):

@@ -58,7 +58,9 @@ def test_rows_in_any_order_are_whitened_and_stay_in_their_place(noise: DriftCova
 
 @given(covariances(), SCALES)
 @settings(max_examples=50, deadline=None)
-def test_determinant_and_variances(noise: DriftCovariance, scale: float) -> None:
+def test_determinant_and_variances_equal_those_of_the_dense_matrix(
+    noise: DriftCovariance, scale: float
+) -> None:
     dense = noise.dense(scale)
     assert noise.log_determinant(scale) == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-7, abs=1e-6)
     assert noise.variance(scale) == pytest.approx(np.diag(dense))
@@ -87,13 +89,13 @@ def test_cost_is_minus_twice_the_log_of_the_likelihood(
         assert cost(by_name) == pytest.approx(expected, rel=1e-6, abs=1e-5)
 
 
-def test_no_rows() -> None:
+def test_empty_covariance_is_accepted() -> None:
     nothing = DriftCovariance(np.zeros(0), np.zeros(0), 1.0, 20.0)
     assert nothing.whiten(np.zeros((0, 3)), 1.0).shape == (0, 3)
     assert nothing.log_determinant(1.0) == 0.0
 
 
-def test_rows_and_blocks_must_agree() -> None:
+def test_row_count_must_equal_that_of_the_blocks() -> None:
     noise = DriftCovariance(np.arange(3.0), np.ones(3), 1.0, 20.0)
     with pytest.raises(ValueError, match="3 rows in the blocks, 4 in the residual"):
         MarginalCost([(noise, "current")], np.zeros(4), np.zeros((4, 1)))

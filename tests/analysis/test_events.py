@@ -205,7 +205,7 @@ def test_effect_with_an_event_has_the_same_coefficient_as_without(tmp_path):
         ),
     ],
 )
-def test_drift_of_any_size_is_no_event(tmp_path, seed, scale):
+def test_enlarged_drift_is_not_taken_for_an_event(tmp_path, seed, scale):
     machine = hidden_machine(seed, {})
     drifts = ("coil_voltage_drift", "motor_current_drift", "motor_voltage_drift")
     values = {**machine.values, **{name: scale * BENCH.value(name) for name in drifts}}
@@ -214,7 +214,7 @@ def test_drift_of_any_size_is_no_event(tmp_path, seed, scale):
 
 
 @pytest.mark.study
-def test_undeclared_form_is_no_event(tmp_path):
+def test_undeclared_form_is_not_taken_for_an_event(tmp_path):
     # a contact, a torque of three lobes, a bump at one speed
     recording = record(tmp_path, "outside", blind.draw(BENCH, 7, kinds=("outside",)), "quick")
     result = diagnose([recording], MODEL)
@@ -259,7 +259,7 @@ def test_torque_that_relaxes_after_every_move_of_the_tilt_is_reported_as_such(su
 
 
 @pytest.mark.slow
-def test_verdict_has_the_shape_of_a_drift_and_not_its_size(survey):
+def test_verdict_names_the_shape_of_a_drift_instead_of_its_size(survey):
     swing = 0.6 * VOLTS * np.cos(2.0 * np.pi * (survey.time - 12.0) / 47.0)
     measurement = survey.measurement.copy()
     measurement["coil_voltage_x"] += swing

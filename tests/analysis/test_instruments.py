@@ -104,7 +104,7 @@ def test_an_instrument_that_is_not_as_stated_is_named(name: str, tmp_path: Path)
 @pytest.mark.parametrize(
     ("channel", "order"), [("tilt", 3), pytest.param("coil_voltage", 2, marks=pytest.mark.study)]
 )
-def test_nothing_physical_is_invented_for_a_filter_of_another_shape(
+def test_filter_of_another_shape_gives_no_physical_finding(
     plain: Recording, channel: str, order: int
 ) -> None:
     b, a = butter(order, 2.0 * np.pi * 400.0, analog=True)
@@ -113,7 +113,7 @@ def test_nothing_physical_is_invented_for_a_filter_of_another_shape(
     nothing_invented(diagnose([read], Model.new()), channel)
 
 
-def test_voltages_read_after_the_latch_are_no_inductance(plain: Recording) -> None:
+def test_early_voltage_readings_are_found_as_a_delay_not_an_inductance(plain: Recording) -> None:
     found = diagnose([changed(plain, (*COILS, "motor_voltage"), lambda v: np.roll(v, -1))], Model.new())
     nothing_invented(found, "coil_voltage")
     (delay,) = found.instruments

@@ -56,7 +56,7 @@ def test_the_rate_of_the_loop_follows_from_the_samples(
 
 
 @pytest.mark.parametrize("every", [1, 2, 4, 2.5])
-def test_the_noise_of_an_average_is_that_of_the_samples_that_are_missing(every: float) -> None:
+def test_noise_of_an_average_includes_the_voltages_that_were_not_sampled(every: float) -> None:
     """Averages over windows of some of the samples scatter about those over all by what is said."""
     rng = np.random.default_rng(2)
     volts = 0.15 * (rng.normal(size=(400, 1000)) + 1j * rng.normal(size=(400, 1000)))

@@ -18,11 +18,10 @@ from gyrowheel_analysis.drag.estimate import DragEstimator
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
-from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.quality import NEEDED, SLOW, reading_noise
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import reduce, reduce_and_account
-from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_analysis.reduction.windows import Coverage, Windows
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings
@@ -112,7 +111,7 @@ def test_scattered_missing_readings_hardly_move_a_window(
     assert np.abs(found.air_pressure - windows.air_pressure).max() < 2.0
 
 
-def test_the_noise_is_that_of_the_present_readings(samples: Samples) -> None:
+def test_noise_is_estimated_from_the_present_readings(samples: Samples) -> None:
     rng = np.random.default_rng(5)
     readings = samples.readings.copy()
     readings.tilt_x[rng.random(len(readings)) < 0.003] = np.nan
@@ -233,7 +232,7 @@ def test_the_commanded_pressure_replaces_one_that_was_not_measured(tmp_path: Pat
     assert np.median(np.abs(taken / measured - 1.0)) < 0.01
 
 
-def test_with_all_readings_nothing_is_copied_or_warned_of(samples: Samples, windows: Windows) -> None:
+def test_complete_readings_are_neither_copied_nor_reported(samples: Samples, windows: Windows) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found, coverage = reduce_and_account(samples, BENCH)

@@ -73,7 +73,7 @@ def refusal(folder: Path, raw: Any) -> str:
 # --- reading and writing -----------------------------------------------------------------------------------------
 
 
-def test_the_content_of_a_model_file(tmp_path: Path) -> None:
+def test_model_file_is_parsed_into_effects_overrides_and_declarations(tmp_path: Path) -> None:
     model = Model.load(written(tmp_path, content()))
     assert model.effects == {"windage": {"w": 0.001, "n": 1.5}, "stator_pull": {"k": 0.02}}
     assert model.effect_errors == {"windage": {"w": 1e-5, "n": 0.0}, "stator_pull": {"k": 0.001}}
@@ -248,7 +248,7 @@ def test_a_model_cannot_be_saved_in_the_place_of_a_folder(tmp_path: Path) -> Non
 # --- changing ----------------------------------------------------------------------------------------------------
 
 
-def test_removing_and_undoing(tmp_path: Path) -> None:
+def test_removed_effect_is_restored_by_undo(tmp_path: Path) -> None:
     model = Model.load(written(tmp_path, content()))
     removed = model.removed("stator_pull", "2026-01-01T00:00:00+00:00")
     assert list(removed.effects) == ["windage"]
@@ -266,7 +266,7 @@ def test_removing_and_undoing(tmp_path: Path) -> None:
         undone.undone()
 
 
-def test_every_change_can_be_undone_whatever_it_is(tmp_path: Path) -> None:
+def test_every_kind_of_change_can_be_undone(tmp_path: Path) -> None:
     """Values, order, further and fewer effects; what the history keeps of a change is what it changed."""
     first = Model.load(written(tmp_path, content()))
     own = {name: {**values} for name, values in first.effects.items()}
@@ -294,7 +294,7 @@ def test_every_change_can_be_undone_whatever_it_is(tmp_path: Path) -> None:
         )
 
 
-def test_a_hundred_changes_are_read_again(tmp_path: Path) -> None:
+def test_file_with_a_hundred_changes_is_read_back(tmp_path: Path) -> None:
     """The history does not keep the model as a whole at every change, until nothing would read it again."""
     model = Model.load(written(tmp_path, content(effects={})))
     sizes = []
@@ -344,7 +344,7 @@ def test_a_change_without_an_undo_entry_cannot_be_undone(tmp_path: Path) -> None
         model.undone()
 
 
-def test_differences_are_named(tmp_path: Path) -> None:
+def test_diff_lists_additions_and_changes(tmp_path: Path) -> None:
     model = Model.load(written(tmp_path, content()))
     lines = Model.new().diff(model)
     assert "+ overrides.shaft_inertia: 0.00011 ± 2e-06" in lines

@@ -23,7 +23,7 @@ EACH_BENCH = pytest.mark.parametrize(
 )
 
 
-def test_speeds_and_tilts_are_those_of_the_paper() -> None:
+def test_default_speeds_and_tilts_equal_those_of_the_paper() -> None:
     found = envelope(Bench.load())
     np.testing.assert_allclose(found.speed / RPM, [3000.0, 3500.0, 4000.0], rtol=1e-12)
     assert found.tilt[-1] == pytest.approx(5.0 * DEG)
@@ -48,7 +48,7 @@ def test_caps_are_parts_of_spheres_and_the_mean_of_the_exact_momentum(bench: Ben
 
 
 @EACH_BENCH
-def test_data_as_a_table_and_as_json(bench: Bench) -> None:
+def test_csv_and_json_contain_the_envelope(bench: Bench) -> None:
     found = envelope(bench)
     head, *rows = momentum_csv(found).splitlines()
     table = np.array([[float(x) for x in row.split(",")] for row in rows])
@@ -62,7 +62,7 @@ def test_data_as_a_table_and_as_json(bench: Bench) -> None:
     assert content["across_axis"][0][0] == 0.0
 
 
-def test_other_speeds_can_be_asked_for() -> None:
+def test_speeds_can_be_chosen() -> None:
     found = envelope(Bench.load(), [100.0, 200.0])
     assert found.approximate.shape == (2, 6, 12, 3)
     np.testing.assert_allclose(found.approximate[1], 2.0 * found.approximate[0])
@@ -71,7 +71,7 @@ def test_other_speeds_can_be_asked_for() -> None:
 
 @EACH_BENCH
 @pytest.mark.parametrize("draw", [caps_figure, body_figure], ids=["caps", "body"])
-def test_pictures_are_drawn_with_their_numbers(bench: Bench, draw: Callable[[Bench], Figure]) -> None:
+def test_pictures_are_drawn_and_embed_their_numbers(bench: Bench, draw: Callable[[Bench], Figure]) -> None:
     with Image.open(io.BytesIO(png_bytes(draw(bench), '{"a": 1}'))) as image:
         assert image.info["Description"] == '{"a": 1}'
         assert image.size[0] > 1000

@@ -43,7 +43,7 @@ def test_pauses_are_found_at_any_place(between: list[float]) -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_hardly_any_samples_have_no_pauses(count: int) -> None:
+def test_few_samples_have_no_pauses(count: int) -> None:
     assert pauses(np.zeros(count)).shape == (0, 2)
 
 

@@ -48,7 +48,7 @@ ZERO = ErrorTable(row(0.0), row(0.0), row(0.0))
     ],
     ids=["both", "two fitted", "fit only", "one window, no error"],
 )
-def test_a_picture_of_1600_by_1000(tmp_path: Path, parts: list[Residuals], table: ErrorTable):
+def test_picture_is_a_png_of_1600_by_1000_pixels(tmp_path: Path, parts: list[Residuals], table: ErrorTable):
     file = tmp_path / "new" / "picture.png"
     write_figure(error_figure(parts, table, title=TITLE, subtitle="w = 1.02 ± 0.05 mN·m"), file)
     content = file.read_bytes()
@@ -58,7 +58,7 @@ def test_a_picture_of_1600_by_1000(tmp_path: Path, parts: list[Residuals], table
     assert list(file.parent.iterdir()) == [file]
 
 
-def test_nothing_is_left_of_a_picture_that_cannot_be_written(tmp_path: Path):
+def test_failed_write_of_a_picture_leaves_no_file(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         write_figure(error_figure([FIT], FIT_ONLY, title=TITLE), tmp_path / "file" / "picture.png")

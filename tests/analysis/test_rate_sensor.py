@@ -55,7 +55,7 @@ def test_a_rate_fixed_in_the_room_changes_sign_with_the_rig(tmp_path: Path) -> N
     np.testing.assert_allclose(found, [5.0e-4, -3.0e-4], atol=1.0e-4)
 
 
-def test_the_controller_and_the_machine_do_not_matter_much(tmp_path: Path) -> None:
+def test_rates_hardly_depend_on_controller_and_machine(tmp_path: Path) -> None:
     result = rates([record(tmp_path, "turns", hidden_machine(31, {}), "rate_table")], Model.new())
     for line in result.lines:
         assert line is not None

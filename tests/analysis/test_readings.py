@@ -125,7 +125,7 @@ def test_hum_at_the_rotor_frequency_follows_from_other_speeds(
     assert once[at].mean() == pytest.approx(at.sum() * 0.5 * WRONG["tilt_hum"] ** 2, rel=0.2)
     assert once[~at].max() < 0.01 * once[at].min()
     alone = windows.select(at)
-    assert look(samples, alone, BENCH).untold == "rotor"
+    assert look(samples, alone, BENCH).hum_unknown == "rotor"
     assert not look(samples, alone, BENCH).lines
 
 
@@ -140,7 +140,7 @@ def test_hum_of_the_tilt_is_separated_from_the_response_of_the_loop(plan: Path) 
 
 
 @pytest.mark.parametrize("part", [0.02, 0.5, 3.0])
-def test_steps_are_found_wherever_their_zero_is(right: Recording, part: float) -> None:
+def test_steps_are_found_for_any_zero(right: Recording, part: float) -> None:
     noise = {
         "tilt_x": 2e-5,
         "spin_angle": 1e-3,

@@ -11,13 +11,12 @@ import pytest
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.fitting.preparation import prepare, samples_of
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.hum import Line
 from gyrowheel_analysis.reduction.instrument_readings import Shown
 from gyrowheel_analysis.reduction.quality import READING_NOISES, reading_noise
 from gyrowheel_analysis.reduction.samples import Commanded, Samples
 from gyrowheel_analysis.reduction.segmentation import planned_windows, reduce, reduce_and_account
-from gyrowheel_analysis.reduction.windows import RISE, Windows, without_noise
+from gyrowheel_analysis.reduction.windows import RISE, Coverage, Windows, without_noise
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.plant.scenario import Scenario
@@ -56,7 +55,7 @@ def windows(samples: Samples) -> Windows:
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.0, 1.6])
-def test_the_noise_is_that_of_the_recording(factor: float, tmp_path: Path) -> None:
+def test_noise_is_estimated_from_the_recording(factor: float, tmp_path: Path) -> None:
     machine = noisier(hidden_machine(8, {"commutation_ripple": {"C_x": 0.02, "C_y": 0.01}}), factor)
     data = samples_of(record(tmp_path, "run", machine, "check"))
     found = reading_noise(data, BENCH) / STATED
@@ -81,7 +80,7 @@ def test_few_samples_have_the_stated_noise(samples: Samples) -> None:
     assert reading_noise(few, BENCH) == pytest.approx(STATED)
 
 
-def test_noise_with_a_late_controller(samples: Samples) -> None:
+def test_noise_estimate_ignores_samples_before_the_first_command(samples: Samples) -> None:
     """Before its first command nothing but the sensor is in the voltages, and rounding in what counts as commanded."""
     assert samples.commanded is not None
     late, rng = 3000, np.random.default_rng(2)
@@ -111,7 +110,7 @@ def test_jitter_of_stamps_and_of_instants_changes_no_window(
     assert np.sqrt(np.mean(off**2)) < 0.1
 
 
-def test_a_motion_at_the_edge_of_a_window_counts(samples: Samples) -> None:
+def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
     """Commands that come late push the tilt at any time: its change from end to end is right, or the window goes."""
     rng = np.random.default_rng(7)
     time, noise = samples.time, BENCH.value("tilt_noise")
@@ -248,7 +247,7 @@ def test_bench_parameters_come_out_right_from_noisy_cones(seed: int, tmp_path: P
         assert abs(fit.nuisance[k] - truth) < 4.0 * np.sqrt(fit.covariance[k, k]), name
 
 
-def test_no_parameter_multiplies_the_noise_of_an_acceleration(tmp_path: Path) -> None:
+def test_no_parameter_is_fitted_to_the_noise_of_an_acceleration(tmp_path: Path) -> None:
     """Errors in variables would make the moment of inertia come out too small."""
     data = samples_of(record(tmp_path, "run", hidden_machine(5, {}), Plan.load(CONES)))
     windows = reduce(data, BENCH)
@@ -272,7 +271,7 @@ def test_no_parameter_multiplies_the_noise_of_an_acceleration(tmp_path: Path) ->
     assert residuals[0] - residuals[1] == pytest.approx(torque, rel=0.02)  # it stays in what was measured
 
 
-def test_no_parameter_multiplies_the_noise_of_repeated_holds(windows: Windows) -> None:
+def test_no_parameter_is_fitted_to_the_noise_of_repeated_holds(windows: Windows) -> None:
     """A hold that is repeated hundreds of times is one motion, but where it differs by more than noise."""
     rng = np.random.default_rng(1)
     (hold,) = np.flatnonzero(~windows.moving & (np.abs(windows.mean_tilt) > 0.03))[:1]
@@ -300,7 +299,7 @@ def test_no_parameter_multiplies_the_noise_of_repeated_holds(windows: Windows) -
     assert found[clear][0] == pytest.approx(harmonics[7][clear][0])
 
 
-def test_no_parameter_multiplies_a_tilt_rate_that_is_noise(windows: Windows) -> None:
+def test_no_parameter_is_fitted_to_the_noise_of_a_tilt_rate(windows: Windows) -> None:
     hold = windows.select(np.flatnonzero(~windows.moving)[:1])
     for size, left in ((2.0, 0.0), (50.0, 1.0)):
         rate = size * np.sqrt(hold.tilt_rate_variance)
@@ -311,7 +310,7 @@ def test_no_parameter_multiplies_a_tilt_rate_that_is_noise(windows: Windows) -> 
         assert kept.mean_tilt == pytest.approx(hold.mean_tilt)
 
 
-def test_hum_that_another_recording_shows_counts_where_the_speed_covers_it() -> None:
+def test_hum_found_in_another_recording_counts_where_the_speed_conceals_it() -> None:
     # half of the plan turns at the frequency of the mains: there hum looks like an imbalance
     windows = planned_windows(Plan.load("check"), BENCH)
     line = Line(50.0, 1, 50.0, 0.01, {"tilt": (8.0e-6, 1.0e-7)}, frozenset({"tilt"}))

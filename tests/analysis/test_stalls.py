@@ -43,7 +43,7 @@ def test_missing_samples_are_no_stall() -> None:
     assert watch.number == 0
 
 
-def test_a_recording_has_the_places_of_stalls(tmp_path) -> None:
+def test_recording_lists_the_times_of_stalls(tmp_path) -> None:
     stood = 295_000_000
     messages = [
         wire.MEASUREMENT.pack(k * PERIOD + (stood if k > 100 else 0), k, *[0.5 * k] * 11) for k in range(200)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
-from gyrowheel_analysis.balance.parts import BENCH_PARTS, torque_parts
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_analysis.torques import BENCH_PARTS, torque_parts
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
@@ -47,7 +47,7 @@ def defaults(*names: str) -> tuple[EffectValues, list[ActiveEffect]]:
 
 
 @pytest.mark.parametrize("rpm", SPEEDS)
-def test_the_parts_sum_to_the_simulated_torque(rpm: float) -> None:
+def test_torque_parts_sum_to_the_simulated_torque(rpm: float) -> None:
     torques = tuple(name for name in NAMES if name not in {"coil_heating"})
     values, effects = defaults(*torques)
     windows = hold(rpm, 3.0, values)
@@ -104,7 +104,7 @@ def test_each_part_follows_its_own_law(rpm: float) -> None:
     assert np.abs(parts["tilt_rotation"].coil).max() == 0.0
 
 
-def test_without_air_there_is_no_torque_of_the_air() -> None:
+def test_torque_of_the_air_vanishes_in_a_vacuum() -> None:
     values, effects = defaults("aero_restoring", "aero_cross", "windage")
     windows = hold(3000, 3.0, values, density=0.0)
     parts = torque_parts(Balance(windows, BENCH, clean=False), BENCH.values(), effects)

@@ -123,7 +123,7 @@ EVERY_TIME = ("an Earth that turns ten times too fast",)
         for name in (*EFFECTS, *FORMULAS)
     ],
 )
-def test_a_verdict_does_not_contradict_itself(name: str, tmp_path: Path) -> None:
+def test_verdict_is_consistent_with_its_findings(name: str, tmp_path: Path) -> None:
     found = diagnosed(tmp_path, name, validate="check" if name in FORMULAS else "")
     consistent(found)
     named = {finding.name for finding in found.effects}
@@ -155,7 +155,7 @@ def test_a_torque_that_grows_with_the_square_of_the_speed_is_not_the_earth(tmp_p
     assert found.proof.proven
 
 
-def test_an_effect_in_the_validation_alone_is_not_nothing_missing(tmp_path: Path) -> None:
+def test_effect_in_the_validation_alone_prevents_the_verdict_nothing_missing(tmp_path: Path) -> None:
     """A centre of gravity off the pivot cannot be seen upright, but a model without it fails upside down."""
     machine = hidden_machine(4, {"gravity_offset": {"G": 0.005}})
     fit = record(tmp_path, "fit", machine, "quick")
@@ -172,7 +172,7 @@ def test_an_effect_in_the_validation_alone_is_not_nothing_missing(tmp_path: Path
 
 
 @pytest.mark.study
-def test_nothing_is_found_in_a_long_recording_of_the_same_holds(tmp_path: Path) -> None:
+def test_long_recording_of_repeated_holds_gives_no_finding(tmp_path: Path) -> None:
     """So many windows of one tilt and speed weigh more than what is known beforehand: noise must not decide."""
     holds = "{spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]], repeat: 120}"
     plan = Plan.load(f"schema: 1\nname: long\nhold_s: 2.0\nsegments:\n  - {holds}\n")
@@ -182,7 +182,7 @@ def test_nothing_is_found_in_a_long_recording_of_the_same_holds(tmp_path: Path) 
 
 
 @pytest.mark.study
-def test_a_machine_that_has_changed_proves_nothing(tmp_path: Path) -> None:
+def test_changed_machine_in_the_validation_gives_no_proof(tmp_path: Path) -> None:
     machine = hidden_machine(6, {})
     stiff = {name: 1.1 * BENCH.value(name) for name in ("flexure_stiffness_x", "flexure_stiffness_y")}
     other = replace(machine, values={**machine.values, **stiff})

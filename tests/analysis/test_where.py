@@ -27,10 +27,16 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_analysis.reduction.windows import direction_groups, masks, octants, speed_groups
 from gyrowheel_analysis.residuals.dependence import dependences, judged, whiteness
+from gyrowheel_analysis.residuals.error_table import WindowResiduals, window_residuals
 from gyrowheel_analysis.residuals.growth import growth
-from gyrowheel_analysis.residuals.maps import VARIABLES, all_maps, maps_json, residual_map, variables_of
-from gyrowheel_analysis.residuals.regions import regions
-from gyrowheel_analysis.residuals.windows import WindowResiduals, window_residuals
+from gyrowheel_analysis.residuals.maps import (
+    VARIABLES,
+    all_maps,
+    maps_json,
+    regions,
+    residual_map,
+    variables_of,
+)
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import number, size, size_and_noise
@@ -104,7 +110,7 @@ def sentences(found: Any, white: Any) -> list[str]:
 
 
 @given(st.lists(st.floats(50.0, 500.0), max_size=40))
-def test_every_window_has_one_speed_and_speeds_are_alike(rates: list[float]) -> None:
+def test_speed_groups_partition_the_windows_by_similar_speed(rates: list[float]) -> None:
     groups = speed_groups(np.array(rates))
     assert sorted(np.concatenate([[], *groups])) == list(range(len(rates)))
     lows = [min(rates[i] for i in group) for group in groups]
@@ -115,7 +121,7 @@ def test_every_window_has_one_speed_and_speeds_are_alike(rates: list[float]) -> 
 
 
 @given(st.lists(st.complex_numbers(max_magnitude=0.09, allow_nan=False), min_size=1, max_size=40))
-def test_every_tilt_has_one_direction(tilts: list[complex]) -> None:
+def test_direction_groups_partition_the_windows(tilts: list[complex]) -> None:
     groups = direction_groups(np.array(tilts))
     assert sorted(np.concatenate(groups)) == list(range(len(tilts)))
     for tilt, octant in zip(tilts, octants(tilts), strict=True):
@@ -129,7 +135,7 @@ def test_every_tilt_has_one_direction(tilts: list[complex]) -> None:
 
 
 @pytest.mark.parametrize("over", [*((v,) for v in VARIABLES), ("speed", "azimuth"), ("temperature", "tilt")])
-def test_a_map_has_every_window_once_and_all_of_the_misfit(over: tuple[str, ...]) -> None:
+def test_map_cells_partition_windows_and_misfit(over: tuple[str, ...]) -> None:
     _, data = residual("spin", 1e-4, noise_rows(np.random.default_rng(1)))
     shown = residual_map(data, over)
     assert sum(cell.count for cell in shown.cells) == len(data.windows)
@@ -143,7 +149,7 @@ def test_a_map_has_every_window_once_and_all_of_the_misfit(over: tuple[str, ...]
         }
 
 
-def test_a_map_has_the_mean_residual_and_where_it_is() -> None:
+def test_map_cells_have_mean_residuals_and_ranges() -> None:
     w = problem().balances[0].windows
     _, data = residual("tilt", (2e-4 - 3e-4j) * w.mean_tilt / np.maximum(np.abs(w.mean_tilt), 1e-9))
     cells = {round(cell.spans["tilt"].middle / DEG, 1): cell for cell in residual_map(data, ("tilt",)).cells}
@@ -162,7 +168,7 @@ def test_a_map_has_the_mean_residual_and_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("text", ["speeed", "speed,speed", "speed,tilt,time", ""])
-def test_a_map_over_something_else_is_refused(text: str) -> None:
+def test_unknown_map_variable_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="map: "):
         variables_of(text)
 
@@ -278,7 +284,7 @@ def test_noise_has_no_law() -> None:
 
 
 @pytest.mark.parametrize("drift", [1.0, pytest.param(3.0, marks=pytest.mark.study)])
-def test_noise_depends_on_nothing(drift: float) -> None:
+def test_noise_shows_no_dependence(drift: float) -> None:
     cases, named, unlike = 40, 0, 0
     for seed in range(cases):
         rows, data = residual("spin", 0.0, noise_rows(np.random.default_rng([seed, 7]), drift))
@@ -338,7 +344,7 @@ def test_the_speed_is_named_where_the_temperature_hardly_varies(part: str) -> No
     assert "temperature" not in {test.variable for test in stated}
 
 
-def test_of_equally_good_variables_the_plainest_is_chosen_and_the_other_named() -> None:
+def test_plainest_of_equivalent_variables_is_chosen_and_the_other_named() -> None:
     p = problem()
     (balance,) = p.balances
     spin = balance.windows.mean_spin
@@ -402,7 +408,7 @@ def test_averages_alone_have_maps_and_sentences() -> None:
 # ---- words
 
 
-def test_sizes_are_shown_in_a_suitable_unit() -> None:
+def test_sizes_are_printed_in_a_suitable_unit() -> None:
     assert size(2.5e-4, "N·m") == "0.25 mN·m"
     assert size(3.4e-5, "N·m") == "34 µN·m"
     assert size(-0.0123, "V", sign=True) == "−12 mV"

@@ -20,7 +20,7 @@ from gyrowheel_analysis.diagnosis.result import (
 )
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
 from gyrowheel_analysis.residuals.growth import Growth
-from gyrowheel_analysis.residuals.regions import Look, Region
+from gyrowheel_analysis.residuals.maps import Look, Region
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.effects import get
 

@@ -15,8 +15,7 @@ from gyrowheel.investigation import procedure as investigation
 from gyrowheel.investigation.page import end_sentence
 from gyrowheel.investigation.procedure import BROAD, Course, Step, pursue
 from gyrowheel.investigation.sentences import learned
-from gyrowheel_analysis.diagnosis.discrimination import Discrimination
-from gyrowheel_analysis.diagnosis.experiment_design import PrecisionTest, relative_error
+from gyrowheel_analysis.diagnosis.experiment_design import Discrimination, PrecisionTest, relative_error
 from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate, NextTest
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
@@ -185,7 +184,7 @@ def test_a_tie_of_averages_is_explained(scripted: Any, monkeypatch: pytest.Monke
         asked.append((name, rival))
         return told
 
-    monkeypatch.setattr("gyrowheel_analysis.diagnosis.discrimination.discriminating_channels", telling)
+    monkeypatch.setattr("gyrowheel_analysis.diagnosis.experiment_design.discriminating_channels", telling)
     done, _ = scripted([PRECISE], plain=SEPARATING)
     assert asked == [("aero_cross", "flexure_damping")]
     (said,) = (text for text in done.steps[0].learned if "Averages" in text)

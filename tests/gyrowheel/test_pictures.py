@@ -17,7 +17,7 @@ from gyrowheel.comparison.picture import _arrow_scale
 from gyrowheel.investigation.page import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.diagnosis.result import DetectionLimit, NextTest
-from gyrowheel_analysis.residuals.windows import Part
+from gyrowheel_analysis.residuals.error_table import Part
 from gyrowheel_core.units import DEG
 
 from .conftest import Wheel

@@ -37,7 +37,7 @@ from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.result import Beyond, Estimate, Proof
 from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction.coverage import Coverage
+from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_analysis.residuals.error_table import ErrorRow
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import unit_for

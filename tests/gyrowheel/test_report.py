@@ -17,8 +17,8 @@ import yaml
 import gyrowheel as gw
 from gyrowheel.report import printing
 from gyrowheel.report.verb import _is_report
-from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
+from gyrowheel_analysis.reduction.windows import Coverage
 
 from .conftest import Wheel
 from .helpers import Shell, write

@@ -30,8 +30,8 @@ from gyrowheel.workbench.library import Library, Opened
 from gyrowheel.workbench.server import Access, Server
 from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.steps import before
-from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
+from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.origin_guard import is_loopback
 from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup

@@ -15,10 +15,9 @@ from gyrowheel_analysis.diagnosis.events import accepted, as_events, beside_even
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import prove
 from gyrowheel_analysis.diagnosis.result import DatedEvent, Estimate, Proof
-from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, Unknowns
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, errors_of
 from gyrowheel_core.errors import InputError
@@ -26,7 +25,7 @@ from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry
 from gyrowheel_sim.effects.user_defined import check_name
 
-#: Stands for all effects that a model of the air has: ``aero:MODEL``.
+#: Prefix for all effects of a model of the air: ``aero:MODEL``.
 AIR = "aero"
 
 
@@ -38,11 +37,11 @@ class Doubt:
     ----------
     kind : str
         ``weak``: an added effect hardly differs from zero. ``moved``: a coefficient of the model moved farther than
-        chance. ``off_air_model``: a coefficient lies far from what the air model gives. ``unconstrained``: the
-        recordings say nothing of a coefficient of the air model. ``impossible``: an added effect has a coefficient
-        that physics does not allow. ``unusual``: one is many times as large as is usual.
+        chance explains. ``off_air_model``: a coefficient lies far from that of the air model. ``unconstrained``: the
+        recordings do not determine a coefficient of the air model. ``impossible``: an added effect has a physically
+        impossible coefficient. ``unusual``: one is many times its usual size.
     effect, coefficient : str
-        Which one; of a ``weak`` or ``impossible`` effect no coefficient.
+        The effect and its coefficient; the latter empty for ``weak`` and ``impossible``.
     size : float
         Distance [standard errors, or uncertainties of the air model], or times the largest usual size; 0 for
         ``unconstrained`` and ``impossible``.
@@ -99,12 +98,12 @@ def add_effect(
     Parameters
     ----------
     model : Model
-        The model as it is.
+        The model.
     names : sequence of str or Effect
-        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model has is
-        fitted again. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL`` stands
-        for the effects that a model of the air has (`gyrowheel_air.surrogate.MODELS`); their coefficients are fitted
-        within the uncertainties that it states.
+        Effects, or errors of bench parameters (``stiffness_error`` and the like), to add. One that the model already
+        has is fitted again. An `Effect` that is not registered goes into the model with its declaration. ``aero:MODEL``
+        adds the effects of a model of the air (`gyrowheel_air.surrogate.MODELS`); their coefficients are fitted within
+        the uncertainties that it states.
     fit : sequence of Recording
         Recordings on which coefficients and bench parameters are fitted.
     validate : sequence of Recording
@@ -113,8 +112,8 @@ def add_effect(
     Raises
     ------
     InputError
-        If an effect is unknown, the name of a formula is in the model already, the bench states as exact what is
-        to have an error, or the recordings have too little steady motion.
+        If an effect is unknown, the name of a formula is already in the model, the bench states as exact a parameter
+        whose error is to be added, or the recordings have too little steady motion.
     """
     air = _air(model, [item for item in names if isinstance(item, str)])
     start = _with_air(model, air)
@@ -145,7 +144,7 @@ def add_effect(
     overrides = {
         name: Override(n.value, n.standard_error)
         for name, n in nuisance_estimates(problem, after).items()
-        if name not in problem.unknowns.assumed  # of that day's air, not of the machine
+        if name not in problem.unknowns.assumed  # a property of the air of the day, not of the machine
     }
     entry: dict[str, Any] = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -171,7 +170,7 @@ def add_effect(
 def _doubts(
     problem: Problem, after: Fit, terms: Sequence[Term], air: Mapping[str, Mapping[str, tuple[float, float]]]
 ) -> list[Doubt]:
-    """Return the reasons to doubt the added terms and the effects of the model, but for those of the air."""
+    """Return the reasons to doubt the added terms and the effects of the model, except those of the air."""
     sizes = [(term.name, after.significance(term.name)) for term in terms]
     doubts = [Doubt("weak", name, size=size) for name, size in sizes if size < DOUBTFUL]
     doubts += [Doubt("impossible", term.name) for term in terms if not is_possible(after, term)]
@@ -204,15 +203,10 @@ def _effects(
 
 def _with_air(model: Model, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Model:
     """Return the model with the effects of the air as a model of the air states them."""
-    if not air:
-        return model
+    values = {name: {key: value for key, (value, _) in own.items()} for name, own in air.items()}
+    errors = {name: {key: error for key, (_, error) in own.items()} for name, own in air.items()}
     return replace(
-        model,
-        effects={**model.effects, **{n: {k: v for k, (v, _) in own.items()} for n, own in air.items()}},
-        effect_errors={
-            **model.effect_errors,
-            **{n: {k: e for k, (_, e) in own.items()} for n, own in air.items()},
-        },
+        model, effects={**model.effects, **values}, effect_errors={**model.effect_errors, **errors}
     )
 
 
@@ -251,16 +245,14 @@ def _asked(model: Model, start: Model, names: Sequence[str | Effect]) -> tuple[l
 def _restated(
     problem: Problem, terms: Sequence[Term], overrides: Mapping[str, Override]
 ) -> dict[str, dict[str, float]]:
-    """Return the bench parameters whose errors were added, with what the model has of them from now on."""
+    """Return the bench parameters whose errors were added, with their values and standard errors in the new model."""
     groups = {group for term in terms if term.effect is None for group in ERRORS[term.name]}
     return {
-        p.name: {
-            "value": float(overrides[p.name].value),
-            "standard_error": float(overrides[p.name].standard_error),
-        }
+        p.name: {"value": float(own.value), "standard_error": float(own.standard_error)}
         for group, parameters in problem.unknowns.nuisances
         if group in groups
         for p in parameters
+        for own in (overrides[p.name],)
     }
 
 
@@ -296,7 +288,7 @@ def _air(model: Model, names: Sequence[str]) -> dict[str, dict[str, tuple[float,
 
 
 def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple[float, float]]]) -> Fit:
-    """Return the best that the model does without what is added, among the unknowns of a problem that has the air."""
+    """Return the best fit of the model without the additions, among the unknowns of a problem that has the air."""
     if not air:
         return problem.fit_within()
     unknowns = Unknowns(
@@ -304,7 +296,7 @@ def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple
     )
     own = Problem.of(problem.balances, unknowns).with_events(problem.events)
     fit = own.with_scales(problem.noise.scales).fit_within()
-    # no air: every size as many uncertainties from the stated one as takes it to zero
+    # no air: every size lies as many uncertainties from the stated one as take it to zero
     amplitudes = {name: {c.name for c in get(name).amplitudes} for name in air}
     none = [
         -value / error if key in amplitudes[name] else 0.0
@@ -318,7 +310,7 @@ def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple
 def _found_air(
     problem: Problem, after: Fit, air: Mapping[str, Mapping[str, tuple[float, float]]]
 ) -> Iterator[tuple[str, dict[str, Estimate], list[Doubt]]]:
-    """Yield the effects of the air as fitted, with what gives reason to doubt them."""
+    """Yield the effects of the air as fitted, with the reasons to doubt them."""
     found = problem.unknowns.effects(replace(after.point, coefficients={}))
     values = {active.effect.name: active.values for active in found}
     at = len(after.nuisance) - sum(error > 0.0 for own in air.values() for _, error in own.values())

@@ -1,9 +1,9 @@
 """Calibration in place: torque per volt of the coils and per ampere of the motor.
 
-The reference for the coils is angular momentum. Precession at a known rate takes the torque H times the rate, and H
+The reference for the coils is angular momentum: precession at a known rate takes the torque H times the rate, and H
 follows from the rotor's inertia. So all torques on a rotor at rest in the case (flexures, gimbal, friction, unmodelled
-air) are left free, the stated constant of the coils gets no weight, and the inertias and the scale of the tilt
-sensors keep their stated uncertainty: they are the reference.
+air) are left free, the stated constant of the coils gets no weight, and the inertias and the scale of the tilt sensors
+keep their stated uncertainty: they are the reference.
 
 The motor's constant in V s/rad equals that in N m/A. V = R i + k Omega, averaged over whole revolutions, gives it
 without any torque. It gives the resistance as well where the current varies enough, as in a speed sweep.
@@ -97,7 +97,7 @@ class Calibration:
     constants : mapping of str to Constant
         The constants that were determined.
     undetermined : mapping of str to str
-        Those that were not, and what the recordings would need.
+        Those that were not, and the motion that the recordings would need.
     chi2_per_n : float
         Mean square of the residuals of the tilt in units of their noise; the standard error of the coils' constant is
         widened by its root if above 1.
@@ -120,7 +120,7 @@ class Calibration:
 
     @property
     def lacking(self) -> bool:
-        """Whether the model lacks something that matters here."""
+        """Whether the model lacks an effect that biases the calibration."""
         return self.chi2_per_n > CALIBRATION_CHI2
 
 
@@ -158,7 +158,7 @@ def calibrate(
         useless = coil.standard_error > CALIBRATION_ERROR * coil.value
         if useless or (last and abs(last.value - coil.value) <= _SETTLED * coil.standard_error):
             break
-        # the rows are read with the bench's own constants: about the values found the fit is linear
+        # the rows use the bench's own constants: about the values found the fit is linear
         prepared = prepare(
             recordings, replace(bare, stated_bench=_opened(stated, found)), drift_scales=problem.noise.scales
         )
@@ -211,14 +211,14 @@ def _opened(stated: Bench, found: Mapping[str, Override]) -> Bench:
         elif p.group in _STATIC:
             parameters[name] = replace(p, uncertainty=_FREED * p.uncertainty)
         elif name in _NOISE_OF_MOTOR:
-            # the constant of the coils is to follow from the tilt alone: while the speed still settles, the noise of
+            # the constant of the coils must follow from the tilt alone: while the speed still settles, the noise of
             # its slope biases the inertia towards zero
             parameters[name] = replace(p, value=_UNUSED * p.value)
     return replace(stated, parameters=parameters)
 
 
 def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Override]:
-    """Return constant and resistance of the motor by V = R i + k Omega, with widened errors where that fits badly."""
+    """Return constant and resistance of the motor by V = R i + k Omega, with wider errors where that fits badly."""
     v = bench.value
     constant = v("motor_constant")
     covariances = []
@@ -235,7 +235,7 @@ def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Overr
     usual, loose = v("motor_resistance"), _OPEN * v("motor_resistance")
 
     def best(resistance: float) -> tuple[float, float, float]:
-        """Return chi-squared for a resistance, and constant and its error that belong to it.
+        """Return chi-squared for a resistance, and the corresponding constant with its standard error.
 
         The noise of the current enters in volts, so the weights depend on the resistance; fixed weights would bias it
         towards zero.
@@ -266,7 +266,7 @@ def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Overr
 
 
 def _limit(problem: Problem, fit: Fit) -> str:
-    """Return the group of parameters whose stated uncertainty makes up most of the variance of the coils' constant."""
+    """Return the parameters whose stated uncertainty causes most of the variance of the coils' constant."""
     names = [group for group, _ in problem.unknowns.nuisances]
     own = names.index(_COIL)
     variance = float(fit.covariance[own, own])

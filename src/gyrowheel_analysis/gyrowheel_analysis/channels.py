@@ -12,7 +12,7 @@ from collections.abc import Set
 from dataclasses import dataclass, replace
 from typing import Literal
 
-#: When a channel is looked at: averaged over whole revolutions, once or twice a revolution, at the motor's ripple.
+#: When a channel is evaluated: averaged over whole revolutions, once or twice a revolution, at the motor's ripple.
 Group = Literal["average", "revolution", "ripple"]
 #: Quantity of a channel: torque of the coils, torque or voltage of the motor, torque that accelerates the shaft,
 #: voltage across the resistance of the winding, angle of the shaft relative to its steady growth.
@@ -126,9 +126,9 @@ LISTED: dict[str, Channel] = {
         else [channel]
     )
 }
-#: The channel of the coils' averaged torque; recordings without both coil voltages lack it.
+#: The channel of the averaged torque of the coils; recordings without both coil voltages lack it.
 COILS = "tilt"
-#: Those of the averaged torques, and all others.
+#: Channels of averaged torques, and all others.
 TORQUES = tuple(name for name, c in LISTED.items() if c.group == "average" and c.unit == "N·m")
 FURTHER = tuple(name for name in LISTED if name not in TORQUES)
 #: Readings whose drifts are scaled, each by one scale.
@@ -151,8 +151,8 @@ def rows_of(*groups: Group) -> tuple[str, ...]:
 AVERAGE_ROWS = rows_of("average")
 ALL_ROWS = rows_of(*GROUPS)
 
-#: What an angle lacks that is known by a few pulses a turn: how it goes on between them, and, where it is not known
-#: which pulse is which, where in a turn the rotor is; the latter by order and for the ripple of the motor.
+#: Unknown parts of an angle from a few pulses a turn: its course between pulses and, where pulses cannot be
+#: distinguished, the position of the rotor within the turn (by order, and for the ripple of the motor).
 WITHIN_TURN = "spin_angle within a turn"
 _PHASE = "spin_angle {:g}N"
 _RIPPLE = "spin_angle of the ripple"
@@ -170,9 +170,9 @@ _COILS = frozenset({"coil_voltage_x", "coil_voltage_y"})
 
 
 def measurable(channel: Channel, absent: Set[str]) -> tuple[str, ...]:
-    """Return the rows of a channel that are measured where some readings were never taken.
+    """Return the rows of a channel that are measured where some readings are absent.
 
-    The average torque of one coil needs its own voltage alone; what turns with the rotor needs both, and the angle.
+    The average torque of one coil needs its own voltage alone; harmonics need both voltages and the angle.
     """
     if _COMPARES[channel.quantity] & absent:
         return ()
@@ -184,17 +184,11 @@ def measurable(channel: Channel, absent: Set[str]) -> tuple[str, ...]:
 
 
 def unphased(pulses: int, ripple: float) -> frozenset[str]:
-    """Return what an angle does not show that is known by equal pulses, in the words of `measurable`.
+    """Return the unknown parts of an angle from equal pulses, in the words of `measurable`.
 
-    By n pulses a turn it is known but for whole parts of a turn, 2 pi / n. What happens a multiple of n times a turn
-    has the same phase in each of them; all else has none.
-
-    Parameters
-    ----------
-    pulses : int
-        Pulses a turn.
-    ripple : float
-        Periods a turn of the motor's ripple.
+    With n `pulses` a turn it is known except for whole multiples of 2 pi / n. What happens a multiple of n times a turn
+    has the same phase in each of them, anything else has an unknown one. `ripple` is the number of periods of the
+    motor's ripple in a turn.
     """
     lost = {WITHIN_TURN, *(_PHASE.format(c.order) for c in CHANNELS.values() if c.order % pulses)}
     return frozenset(lost | ({_RIPPLE} if ripple % pulses else set()))

@@ -15,9 +15,8 @@ from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
-from gyrowheel_analysis.reduction.windows import concatenate
+from gyrowheel_analysis.reduction.windows import Coverage, concatenate
 from gyrowheel_analysis.residuals.dependence import (
     Dependence,
     PartDependence,
@@ -29,15 +28,15 @@ from gyrowheel_analysis.residuals.dependence import (
 from gyrowheel_analysis.residuals.error_table import (
     ErrorRow,
     Residuals,
+    WindowResiduals,
     channel_rms,
     channel_values,
     channels_of,
     error_row,
     errors_of,
+    window_residuals,
 )
-from gyrowheel_analysis.residuals.maps import ResidualMap, all_maps
-from gyrowheel_analysis.residuals.regions import Region, regions
-from gyrowheel_analysis.residuals.windows import WindowResiduals, window_residuals
+from gyrowheel_analysis.residuals.maps import Region, ResidualMap, all_maps, regions
 from gyrowheel_recording.bags import Recording
 
 Array = NDArray[np.float64]
@@ -82,19 +81,19 @@ class Comparison:
     channels : mapping of str to ChannelMetrics
         By channel of `channels.LISTED`, with the bench's parameters estimated within their stated uncertainties.
     raw_rms : mapping of str to float
-        Root mean square of the residual of the model exactly as the file stands [unit of the channel].
+        Root mean square of the residual of the model exactly as in its file [unit of the channel].
     error_before : ErrorRow
         The error in the form of the error table.
     where : tuple of Region
-        Where most of the misfit sits.
+        Regions with most of the misfit.
     dependence : tuple of PartDependence
-        On which variables the residual depends.
+        The variables on which the residual depends.
     tests : tuple of Dependence
         The tests behind it, every part of the residual against every variable.
     whiteness : tuple of Whiteness
         Whether the residuals are noise.
     data : WindowResiduals
-        All residuals with their windows: what further maps are made of.
+        All residuals with their windows, the basis of further maps.
     residuals : tuple of Residuals
         Window by window.
     recordings : tuple of str
@@ -106,7 +105,7 @@ class Comparison:
     readings : tuple of ReadingFinding
         Deviations of the instruments that the samples show.
     hum_unknown : tuple of (str, str)
-        Recordings in which hum at the stated mains frequency cannot be measured, and why (`reduction.hum.untold`).
+        Recordings in which hum at the stated mains frequency cannot be measured, and why (`hum.unobservable`).
     """
 
     channels: Mapping[str, ChannelMetrics]
@@ -145,7 +144,7 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
     """Compare a model with recordings.
 
     The bench's uncertain parameters are estimated within their stated uncertainties, so that the remainder is
-    what the model cannot explain; `Comparison.raw_rms` has the error of the model as the file stands.
+    the part that the model cannot explain; `Comparison.raw_rms` has the error of the model in its file.
 
     Raises
     ------
@@ -180,12 +179,12 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         model=model.origin,
         coverage=prepared.coverage,
         readings=readings.found,
-        hum_unknown=readings.untold,
+        hum_unknown=readings.hum_unknown,
     )
 
 
 def residual_data(prepared: Prepared, fit: Fit) -> WindowResiduals:
-    """Return the residuals of a fit with the windows they belong to."""
+    """Return the residuals of a fit with their windows."""
     problem = prepared.problem
     windows = concatenate([b.windows for b in problem.balances])
     return window_residuals(problem.balances, windows, fit.residual, problem.noise.deviation())

@@ -125,7 +125,7 @@ WORTHWHILE: Final = 0.3
 # --- error table, comparison, calibration, doubts of an addition ---
 
 #: Noise floors up to which an error counts as noise, and mean square of the whitened residual of a channel from which
-#: on a comparison says that the model fails. Lower calls noise an error (a few windows scatter by 20 %).
+#: on a comparison reports a failing model. Lower takes noise for an error (a few windows scatter by 20 %).
 NOISE_REACHED: Final = 1.3
 FAILING_CHI2: Final = 1.3
 #: Standard errors from zero below which an added effect is doubtful, and by which a coefficient of the model rarely
@@ -199,7 +199,7 @@ OTHER_MACHINE: Final = 2.0
 
 # --- readings and windows ---
 
-#: Robust standard deviations beyond which a sample is a spike, and the share of samples beyond which they are none.
+#: Robust standard deviations beyond which a sample is a spike, and the largest share of spikes among the samples.
 SPIKE: Final = 8.0
 MOST_SPIKES: Final = 0.02
 #: Estimated over stated noise of a reading, to which estimates are limited.
@@ -208,7 +208,7 @@ NOISE_RANGE: Final = (0.5, 50.0)
 UNSETTLED_TILT: Final = 10.0
 UNSETTLED_ANGLE: Final = 20.0
 #: The same, beyond which further terms are used: without them the change from end to end would be off by several times
-#: its noise. And beyond which as many terms again show that they do not suffice.
+#: its noise. And beyond which further terms in turn are too few.
 FURTHER_TERMS: Final = 2.5
 TOO_FEW_TERMS: Final = 4.0
 #: Square of the mean residual at an end of a window, over noise, beyond which a motion began or ended there.

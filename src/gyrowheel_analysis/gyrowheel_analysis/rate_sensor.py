@@ -7,7 +7,7 @@ explain, times about i/H, is the rate of the case across the spin axis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from gyrowheel_sim.effects import registry
 Array = NDArray[np.float64]
 
 _STEP = 1.0e-4  # rad/s, of the derivatives; the torque is practically linear in the rate
-_FEWEST = 4  # windows with different rates that a line needs
+_FEWEST = 4  # windows with different rates for a line
 
 
 @dataclass(frozen=True)
@@ -74,31 +74,14 @@ class Rates:
 
     def to_json(self) -> dict[str, Any]:
         """Return the rates as a JSON object."""
+        columns = (self.time, self.rate, self.standard_error, self.reference)
+        names = ("time", "rate", "standard_error", "reference")
+        windows = zip(*(column.tolist() for column in columns), strict=True)
         return {
             "schema": 1,
             "unit": "rad/s",
-            "windows": [
-                {"time": t, "rate": list(r), "standard_error": list(s), "reference": list(f)}
-                for t, r, s, f in zip(
-                    self.time.tolist(),
-                    self.rate.tolist(),
-                    self.standard_error.tolist(),
-                    self.reference.tolist(),
-                    strict=True,
-                )
-            ],
-            "axes": {
-                name: None
-                if line is None
-                else {
-                    "scale": line.scale,
-                    "scale_error": line.scale_error,
-                    "bias": line.bias,
-                    "bias_error": line.bias_error,
-                    "rms": line.rms,
-                }
-                for name, line in zip("xy", self.lines, strict=True)
-            },
+            "windows": [dict(zip(names, own, strict=True)) for own in windows],
+            "axes": {name: line and asdict(line) for name, line in zip("xy", self.lines, strict=True)},
         }
 
 
@@ -111,7 +94,7 @@ def rates(
     Parameters
     ----------
     recordings : sequence of Recording
-        Recordings of one machine. The commanded rate of the table is used for the calibration only.
+        Recordings of one machine. The commanded rate of the table serves for the calibration only.
     model : Model
         The model whose torques are subtracted: bench, overrides and effects.
 
@@ -180,10 +163,4 @@ def _line(reference: Array, rate: Array, error: Array) -> Line | None:
     left = rate - bias - scale * reference
     spread = max(1.0, float(np.mean((left / error) ** 2)) ** 0.5)
     deviations = spread * np.sqrt(np.diag(covariance))
-    return Line(
-        float(scale),
-        float(deviations[1]),
-        float(bias),
-        float(deviations[0]),
-        float(np.sqrt(np.mean(left**2))),
-    )
+    return Line(*map(float, (scale, deviations[1], bias, deviations[0], np.sqrt(np.mean(left**2)))))

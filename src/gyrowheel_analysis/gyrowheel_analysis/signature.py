@@ -1,4 +1,4 @@
-"""The signature of an effect: what it asks of coils and motor at every tilt and speed."""
+"""The signature of an effect: the torques and voltages that it requires of coils and motor at every tilt and speed."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _TILTS = 8
 #: Rings of tilts, from the upright on.
 RINGS = 2
 _SPOKES = 12
-#: Invisible on any bench: this part of the torque of the flexures at the reference tilt, and of the supply.
+#: Part of the flexures' torque at the reference tilt, and of the supply voltage, below which an effect is invisible.
 _NOTHING = 1e-4
-_ROUNDING = 1e-10  # what computing leaves of zero
+_ROUNDING = 1e-10  # rounding errors are smaller
 _WARM = 20.0  # of coils and motor above the air [K]
-_PERIOD, _GLIMPSE = 2.5, 0.2  # of the cone, and what of it is looked at [s]
-#: States in which an effect is looked for, one after the other, in words.
+_PERIOD, _GLIMPSE = 2.5, 0.2  # of the cone, and the evaluated part of it [s]
+#: States in which an effect is looked for, in turn, in words.
 _STATES = {
     "held": "",
     "warm": f"Coils and motor are {_WARM:.0f} K warmer than the air.",
@@ -51,17 +51,7 @@ ROWS = (
 
 @dataclass(frozen=True)
 class Curve:
-    """One row of the torque balance along an axis.
-
-    Attributes
-    ----------
-    name : str
-        Name of the row.
-    unit : str
-        ``N·m`` or ``V``.
-    values : ndarray (k,)
-        Contribution of the effect to the required torque or voltage [`unit`].
-    """
+    """Contribution of the effect to one row of the torque balance along an axis, in `unit` (``N·m`` or ``V``)."""
 
     name: str
     unit: str
@@ -126,9 +116,8 @@ def signature(effect: Effect, bench: Bench) -> Signature | None:
     """Return the signature of an effect on a bench; None if it shows in no steady state.
 
     The coefficients have their usual sizes. Effects that a held tilt does not show are shown with warm coils and motor,
-    or on a slow cone. The speed at which the tilts are shown is the reference speed, or a low one where the coils'
-    torque is much larger there: at the reference speed a tuned rotor needs no torque to stay tilted, and nothing shows
-    that acts in proportion to it.
+    or on a slow cone. The tilts are shown at the reference speed, or at a low one where the coils' torque is much
+    larger: at the reference speed a tuned rotor stays tilted without torque, which hides what is proportional to it.
     """
     reference, low = bench.value("spin_rate_reference"), bench.value("spin_rate_minimum")
     stiffness = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
@@ -171,7 +160,7 @@ def _signature(effect: Effect, bench: Bench, state: str, at: float) -> Signature
 
     spin = row("spin")
     volts = row("motor_voltage") - bench.value("motor_resistance") / bench.value("motor_constant") * spin
-    # at a tilt about x what is in phase with the tilt is the part about x
+    # at a tilt about x the part about x is in phase with the tilt
     shown = (
         row("tilt_x"), row("tilt_y"), spin, size("tilt_1n"), size("tilt_2n"), size("spin_ripple"), volts,
         size("voltage_ripple"),

@@ -1,23 +1,125 @@
-"""The torque budget of holds: the torque of every part, the voltages, and the margins to saturation.
+"""The torque budget: the torque of coils and motor that each part of the bench and each effect requires.
 
-With a recording, the measured torques follow, and the part that the model does not explain.
+At a given motion the required torques are linear in all parts: each flexure, each inertia, each law adds its share. The
+shares therefore sum to the whole, in any order; the response of the motion to a part (a ripple of tilt or spin rate) is
+part of the motion, and its torque belongs to the part that resists it. Of holds there are also the voltages and the
+margins to saturation and, with a recording, the measured torques and the part that the model does not explain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
-from gyrowheel_analysis.balance.parts import TorquePart, torque_parts
+from gyrowheel_analysis.balance.motion import mean
+from gyrowheel_analysis.balance.torques import READING, Instants, required_torques
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_sim.effects.targets import INERTIAS, TORQUE_PARAMETERS
 
 Array = NDArray[np.float64]
+
+#: Parts of the bench: the parameters to which the torque is proportional. A tilted universal joint makes rotor and
+#: shaft ripple twice a revolution against each other: in a hold their inertias need no other torque, so it is one part.
+BENCH_PARTS: dict[str, tuple[str, ...]] = {
+    "flexure_stiffness": ("flexure_stiffness_x", "flexure_stiffness_y"),
+    "gimbal_inertia": ("gimbal_inertia_x", "gimbal_inertia_y", "gimbal_inertia_z"),
+    "joint_ripple": ("shaft_inertia", "rotor_inertia_x", "rotor_inertia_y", "rotor_inertia_z"),
+    "flexure_damping": ("flexure_damping_x", "flexure_damping_y"),
+    "bearing": ("bearing_coulomb", "bearing_viscous"),
+    "fixed_torque": ("fixed_torque_x", "fixed_torque_y"),
+}
+
+
+@dataclass(frozen=True)
+class TorquePart:
+    """Torque of coils and motor that one part of the machine requires, window by window.
+
+    Attributes
+    ----------
+    name : str
+        Part of the bench (`BENCH_PARTS`), or name of an effect.
+    effect : bool
+        Whether it is an effect.
+    coil : complex ndarray (n,)
+        Mean torque that the coils give for it, x + i y in case axes [N m].
+    motor : ndarray (n,)
+        Mean torque that the motor gives for it [N m].
+    """
+
+    name: str
+    effect: bool
+    coil: Any
+    motor: Any
+
+
+def torque_parts(
+    balance: Balance, values: Mapping[str, float], effects: Sequence[ActiveEffect]
+) -> list[TorquePart]:
+    """Return the required torques part by part: the parts of the bench, then the effects.
+
+    They sum to `Balance.required`; `values` are the bench parameters by name [SI].
+    """
+    whole = balance.instants(values, effects)
+    reading = _readings(effects)
+    acting = {*INERTIAS, *TORQUE_PARAMETERS}
+
+    def at(kept: Sequence[str]) -> Instants:
+        only = {name: value if name in kept or name not in acting else 0.0 for name, value in values.items()}
+        return required_torques(whole.motion, only, reading, whole.ripple)
+
+    nothing = at(())
+    parts = [
+        _part(name, at(parameters), nothing, whole, effect=False) for name, parameters in BENCH_PARTS.items()
+    ]
+    return [*parts, *effect_parts(balance, values, effects, whole, [e.effect.name for e in effects])]
+
+
+def effect_parts(
+    balance: Balance,
+    values: Mapping[str, float],
+    effects: Sequence[ActiveEffect],
+    whole: Instants,
+    names: Collection[str],
+) -> list[TorquePart]:
+    """Return the shares of the effects `names` in the required torques of a state `whole` with all effects."""
+    if not names:
+        return []
+    # a law may also act through a part of the bench: a turning case through the inertias, a softening flexure
+    reading = _readings(effects)
+    bench = required_torques(whole.motion, values, reading, whole.ripple)
+    return [
+        _part(
+            active.effect.name,
+            required_torques(whole.motion, values, [*reading, _only(active, reading=False)], whole.ripple),
+            bench,
+            whole,
+            effect=True,
+        )
+        for active in effects
+        if active.effect.name in names
+    ]
+
+
+def _readings(effects: Sequence[ActiveEffect]) -> list[ActiveEffect]:
+    """Return the errors of readings: they cause no torque, but the true motion follows only with them."""
+    return [_only(active, reading=True) for active in effects]
+
+
+def _part(name: str, state: Instants, less: Instants, whole: Instants, *, effect: bool) -> TorquePart:
+    coil, motor = state.coil - less.coil, state.motor - less.motor
+    return TorquePart(name, effect, mean(coil, whole.weights), mean(motor, whole.weights))
+
+
+def _only(active: ActiveEffect, *, reading: bool) -> ActiveEffect:
+    """Return an effect with only those of its laws that change a reading, or with all others."""
+    laws = tuple(law for law in active.effect.laws if (law.target in READING) == reading)
+    return replace(active, effect=replace(active.effect, laws=laws))
 
 
 @dataclass(frozen=True)
@@ -116,14 +218,8 @@ class HoldTorques:
 def hold_torques(windows: Windows, model: Model, *, measured: bool = True) -> HoldTorques:
     """Return the torques of the holds in some windows; windows in which tilt or speed change are left out.
 
-    Parameters
-    ----------
-    windows : Windows
-        Windows of recordings; those of one segment of a plan become one hold.
-    model : Model
-        The model.
-    measured : bool
-        Whether the readings count as measured; not where they were simulated by the model itself.
+    Windows of recordings in one segment of a plan form one hold. The readings are `measured` unless the model itself
+    simulated them.
     """
     windows = windows.select(~windows.moving)
     bench = model.bench
@@ -166,7 +262,7 @@ def hold_torques(windows: Windows, model: Model, *, measured: bool = True) -> Ho
 
 
 def _holds(windows: Windows) -> tuple[list[Array], Array]:
-    """Return the places of the windows of each hold, and the weights (holds, windows) of its means over time."""
+    """Return the windows of each hold, and the weights (holds, windows) of its means over time."""
     groups: list[list[int]] = []
     for index, segment in enumerate(windows.segment):
         if groups and segment >= 0 and windows.segment[groups[-1][-1]] == segment:

@@ -22,10 +22,9 @@ from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT, EVENT_GAIN
 from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.selection import threshold
-from gyrowheel_analysis.fitting.fit import ERRORS, Term, candidate_terms, parameter_errors
+from gyrowheel_analysis.fitting.fit import ERRORS, Term, Unknowns, candidate_terms, parameter_errors
 from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_control.loops.closed_loop import simulate

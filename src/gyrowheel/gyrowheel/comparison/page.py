@@ -24,11 +24,10 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.diagnosis.result import Diagnosis
-    from gyrowheel_analysis.reduction.coverage import Coverage
+    from gyrowheel_analysis.reduction.windows import Coverage
     from gyrowheel_analysis.residuals.dependence import PartDependence
-    from gyrowheel_analysis.residuals.maps import ResidualMap, Span
-    from gyrowheel_analysis.residuals.regions import Region
-    from gyrowheel_analysis.residuals.windows import WindowResiduals
+    from gyrowheel_analysis.residuals.error_table import WindowResiduals
+    from gyrowheel_analysis.residuals.maps import Region, ResidualMap, Span
 
 _MOST_REGIONS = 5
 _NO_SIGNAL = 1.0  # FIT of a channel in which there is nothing but noise [%]

@@ -14,8 +14,8 @@ from gyrowheel.show.sentences.residuals import TITLES
 from gyrowheel.show.style import DARK, FAINT, GROUND, SOFT, TICK, style
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.windows import speed_groups
+from gyrowheel_analysis.residuals.error_table import WindowResiduals
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
-from gyrowheel_analysis.residuals.windows import WindowResiduals
 from gyrowheel_core.quantities import number
 from gyrowheel_core.units import DEG, RPM, unit_for
 

@@ -357,7 +357,7 @@ def _why_so_soon(
     if found.verdict != "effect" or len(found.effects) != 1 or found.instruments:
         return []
     from gyrowheel_analysis.diagnosis.diagnose import diagnose
-    from gyrowheel_analysis.diagnosis.discrimination import discriminating_channels
+    from gyrowheel_analysis.diagnosis.experiment_design import discriminating_channels
 
     (finding,) = found.effects
     progress("comparing with averages over revolutions alone")

@@ -11,7 +11,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from gyrowheel.show.layout import figures_table, heading, sentences
-from gyrowheel_analysis.balance.parts import BENCH_PARTS
+from gyrowheel_analysis.torques import BENCH_PARTS
 from gyrowheel_core.quantities import decimal, short
 from gyrowheel_core.units import DEG, RPM
 

@@ -21,9 +21,8 @@ from gyrowheel.workbench.library import ROLES, Opened
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.windows import UPRIGHT, octants
-from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, residual_map
-from gyrowheel_analysis.residuals.regions import regions
-from gyrowheel_analysis.residuals.windows import WindowResiduals
+from gyrowheel_analysis.residuals.error_table import WindowResiduals
+from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, regions, residual_map
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_core.wire import SECOND

@@ -1,4 +1,4 @@
-"""The balance of torques and voltages: what the model predicts for the measured motion, against what was measured.
+"""The balance of torques and voltages: rows predicted by the model for the measured motion, and measured rows.
 
 No controller enters. For every window the torque that the measured motion needs is computed by exact inverse dynamics
 at several instants and spin angles and averaged. The means over a revolution of the flexures, of the gimbal's inertia
@@ -16,18 +16,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.balance import laws
 from gyrowheel_analysis.balance.instruments import Instruments
-from gyrowheel_analysis.balance.laws import ActiveEffect
 from gyrowheel_analysis.balance.motion import Motion, mean
 from gyrowheel_analysis.balance.ripple import RippleResponse
 from gyrowheel_analysis.balance.rows import measured_rows, predicted_rows
 from gyrowheel_analysis.balance.torques import (
+    AFTER,
+    AT_REST,
+    INSTRUMENT,
+    OF_MOTION,
+    TORQUES,
+    ActiveEffect,
     Instants,
+    Laws,
     Torques,
     bench_torques,
+    depend_on_motor_temperature,
+    difference,
+    evaluated,
     law_torques,
+    laws_on,
     pushed,
+    replaced,
     required_torques,
 )
 from gyrowheel_analysis.channels import GROUPS, in_groups, measurable
@@ -41,11 +51,9 @@ __all__ = ["ActiveEffect", "Balance", "Instants"]
 
 Array = NDArray[np.float64]
 
-#: Bench parameters that leave the motion as it is: those that act as a torque, those that turn torques into readings,
-#: the motor's heat, which acts through effects that know its warmth, if at all, and most of those of the instruments.
+#: Bench parameters that leave the motion unchanged: those that act as a torque, those that turn torques into readings,
+#: the motor's heat, which acts at most through effects that depend on its temperature, and most of the instruments'.
 _QUICK = {*TORQUE_PARAMETERS, "coil_constant", "motor_resistance", *MOTOR_THERMAL, *INSTRUMENT_PARAMETERS}
-
-
 _STEP = 1.0e-3  # of the reference tilt: step of a derivative by a parameter that is stated as exact
 
 
@@ -62,14 +70,15 @@ class Balance:
         The model's bench; its coil and motor constants convert voltages and currents to N m.
     clean : bool
         Whether to predict from the motion without the harmonics and accelerations that are noise
-        (`reduction.without_noise`); what those need on the bench as stated is then taken from the measured rows.
+        (`reduction.without_noise`); the torques that those need on the bench as stated are then subtracted from the
+        measured rows.
     harmonics : bool
-        Whether there are rows of what happens within a revolution, or of the averages alone.
+        Whether there are rows of harmonics within a revolution, or of the averages alone.
     absent : set of str
-        Readings that were never taken; what compares them has no rows (`channels.measurable`).
+        Readings that were never taken; channels that compare them have no rows (`channels.measurable`).
     assumed : mapping of str to float
-        Temperatures and pressure that were never taken: the static errors of their instruments are those of what is
-        assumed for them, by the part that each has of them (`Motion`).
+        Temperatures and pressure that were never taken: the static errors of their instruments are those of the assumed
+        values, by the part that each has of them (`Motion`).
     phase_error : float
         Uncertainty of the angle from window to window [rad].
 
@@ -109,22 +118,16 @@ class Balance:
 
     @cached_property
     def measured(self) -> Array:
-        """The measured rows (N,) [N m, V]; those of a planned test are never asked for, and not computed."""
+        """The measured rows (N,) [N m, V]; never needed, and not computed, for a planned test."""
         rows = measured_rows(self.windows, self.bench, self._channels, self._kept)
         return self._without_noise(rows, self.bench.values(), [])
 
     def cleared(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Balance:
-        """Return the balance with what noise in the motion needs taken from the measured rows, on a given machine.
+        """Return the balance with the torques that noise in the motion needs, on a given machine, subtracted.
 
         The prediction leaves out harmonics and accelerations that do not exceed the noise. Some of them are real, and
-        the torque that they need depends on the machine. Until it is known, the stated bench gives an estimate.
-
-        Parameters
-        ----------
-        values : mapping
-            Bench parameters by name [SI].
-        effects : sequence of ActiveEffect
-            Effects with their coefficients.
+        the torque that they need depends on the machine: its bench parameters `values` [SI] and its `effects`. Until
+        these are known, the stated bench gives an estimate.
         """
         result = copy(self)
         result.measured = self._without_noise(self.measured, values, effects)
@@ -150,7 +153,7 @@ class Balance:
     def _without_noise(
         self, rows: Array, values: Mapping[str, float], effects: Sequence[ActiveEffect]
     ) -> Array:
-        """Return measured rows less what noise in the motion needs, if the prediction leaves that out."""
+        """Return measured rows less the torques of noise in the motion, if the prediction leaves that out."""
         if self._uncleaned is None or not len(self.windows):
             return rows
         raw = Balance(
@@ -181,20 +184,13 @@ class Balance:
         return mean(at.coil, at.weights), mean(at.motor, at.weights)
 
     def predicted(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Array:
-        """Return the predicted rows.
-
-        Parameters
-        ----------
-        values : mapping
-            Bench parameters by name [SI].
-        effects : sequence of ActiveEffect
-            Effects with their coefficients.
+        """Return the predicted rows for bench parameters [SI] and effects.
 
         Returns
         -------
         ndarray (N,)
-            What the readings should be: voltages of the coils and current of the motor converted with the
-            constants of the model's bench [N m], and the motor's voltage [V]; then the amplitudes.
+            The expected readings: voltages of the coils and current of the motor converted with the constants of the
+            model's bench [N m], and the motor's voltage [V]; then the amplitudes.
         """
         return self.rows_at(self.instants(values, effects), values)
 
@@ -203,29 +199,20 @@ class Balance:
         return predicted_rows(at, values, self.windows, self.bench, self._channels, self._kept)
 
     def motion_at(self, values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> Motion:
-        """Return the true motion, if bench parameters and effects are right: what the instruments did is undone."""
-        own: laws.Laws = {}
-        if any(laws.laws_on(effects, laws.INSTRUMENT)):
-            known = self.motion.quantities_at(self.motion.spin, values) | laws.AT_REST
-            own = laws.evaluated(effects, known, laws.INSTRUMENT)
+        """Return the true motion for bench parameters and effects, without the errors of the instruments."""
+        own: Laws = {}
+        if any(laws_on(effects, INSTRUMENT)):
+            known = self.motion.quantities_at(self.motion.spin, values) | AT_REST
+            own = evaluated(effects, known, INSTRUMENT)
         return self.motion.undone(Instruments.of(values, own))
 
     def instants(
         self, values: Mapping[str, float], effects: Sequence[ActiveEffect], near: Instants | None = None
     ) -> Instants:
-        """Return the state of the balance for bench parameters and effects.
+        """Return the state of the balance for bench parameters [SI] and effects.
 
-        The search for the ripple of the spin rate begins at that of the state that was asked for first: for a clean
-        balance the bench as stated.
-
-        Parameters
-        ----------
-        values : mapping
-            Bench parameters by name [SI].
-        effects : sequence of ActiveEffect
-            Effects with their coefficients.
-        near : Instants, optional
-            A state from which this one is but the step of a derivative away.
+        The search for the ripple of the spin rate begins at that of the first state: for a clean balance the bench as
+        stated. `near` is a state from which this one is only the step of a derivative away.
         """
         if self._response is None:
             clean = self._uncleaned is not None
@@ -253,43 +240,29 @@ class Balance:
         before: Mapping[str, float] | None,
         after: Mapping[str, float],
     ) -> Array | None:
-        """Return the predicted rows of a state in which one effect has other coefficients.
+        """Return the predicted rows of a state `at` in which one effect has other coefficients.
 
-        Parameters
-        ----------
-        at : Instants
-            The state, with the effect as in `before`.
-        values : mapping
-            The bench parameters of that state.
-        effect : Effect
-            The effect.
-        before, after : mapping
-            Its coefficients; `before` is None where the state is without it.
-
-        Returns
-        -------
-        ndarray or None
-            None if the effect changes the motion itself, so that the state must be computed again.
+        The effect has the coefficients `before` in the state, None where it is absent, and `values` are the bench
+        parameters of the state. Returns None if the effect changes the motion itself, so that the state must be
+        computed again.
         """
         targets = {law.target for law in effect.laws}
-        if targets & laws.ANEW:
+        if targets & OF_MOTION:
             return None
         new, old = (
             {}
             if given is None
-            else laws.evaluated(
-                [ActiveEffect(effect, given)], at.quantities, laws.AFTER | laws.INSTRUMENT, at.joint
-            )
+            else evaluated([ActiveEffect(effect, given)], at.quantities, AFTER | INSTRUMENT, at.joint)
             for given in (after, before)
         )
-        state = at.with_laws(laws.replaced(at.laws, new, old))
-        if targets & laws.INSTRUMENT:
+        state = replace(at, laws=replaced(at.laws, new, old))
+        if targets & INSTRUMENT:
             other = self._read_by(state, Instruments.of(values, state.laws), values)
             if other is None:
                 return None
             state = other
-        if targets & laws.TORQUES:
-            state = self._pushed(state, law_torques(laws.difference(new, old), values))
+        if targets & TORQUES:
+            state = self._pushed(state, law_torques(difference(new, old), values))
         return self.rows_at(state, values)
 
     def moved(
@@ -299,21 +272,10 @@ class Balance:
         after: Mapping[str, float],
         effects: Sequence[ActiveEffect],
     ) -> Array | None:
-        """Return the predicted rows of a state with other bench parameters.
+        """Return the predicted rows of a state `at` with `effects` for other bench parameters.
 
-        Parameters
-        ----------
-        at : Instants
-            The state, with the bench parameters `before`.
-        before, after : mapping
-            All bench parameters by name [SI].
-        effects : sequence of ActiveEffect
-            The effects in it.
-
-        Returns
-        -------
-        ndarray or None
-            None if the parameters change the motion itself, so that the state must be computed again.
+        The state has the bench parameters `before`, the result `after`: all of them by name [SI]. Returns None if the
+        parameters change the motion itself, so that the state must be computed again.
         """
         by = {name: after[name] - value for name, value in before.items() if after[name] != value}
         if not by.keys() <= _QUICK:
@@ -323,10 +285,10 @@ class Balance:
             if other is None:
                 return None
             at = other
-        if by.keys() & set(MOTOR_THERMAL) and laws.know_warmth_of_motor(effects):
+        if by.keys() & set(MOTOR_THERMAL) and depend_on_motor_temperature(effects):
             return None
         if by.keys() & set(TORQUE_PARAMETERS):
-            # they act in proportion, so that their changes act like them
+            # torques are proportional to them, so their changes act like them
             changes = {
                 name: by.get(name, 0.0) * added(at.laws, before, "relative", name, start=1.0)
                 for name in TORQUE_PARAMETERS
@@ -337,7 +299,7 @@ class Balance:
     def _read_by(
         self, at: Instants, instruments: Instruments, values: Mapping[str, float]
     ) -> Instants | None:
-        """Return a state with other instruments; None if the true motion is another one then."""
+        """Return a state with other instruments; None if the true motion then differs."""
         assert self._response is not None  # the state was found with it
         harmonics = bool(np.any(self.windows.tilt_harmonics))
         if at.motion.instruments.turns_motion(instruments, harmonics=harmonics):

@@ -1,9 +1,8 @@
 """The instruments' response to the true motion and voltages, and its inverse.
 
-A reading shows its quantity late and weakened by the filter before its converter, and the angle by which everything
-that turns is told apart has errors of its own. What turns with the shaft is told by its amplitude of
-exp(i h angle); the reading's amplitude over the true one is one complex number for every channel and order
-(`Instruments.smooth`, `Instruments.held`). What moves slowly is shifted in time.
+A reading is late and weakened by the filter before its converter, and the angle that defines all harmonics has errors
+of its own. A harmonic is described by its amplitude of exp(i h angle); the reading's amplitude over the true one is one
+complex number for every channel and order (`Instruments.smooth`, `Instruments.held`). Slow motion is shifted in time.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ from gyrowheel_sim.instruments.response import held_response, smooth_response
 Smooth = Literal["tilt", "spin_angle"]
 Held = Literal["coil_voltage", "motor_voltage", "motor_current"]
 
-#: Parameters of instruments that change the motion that goes into the balance; the others turn rows alone.
+#: Parameters of instruments that change the motion that goes into the balance; the others change rows alone.
 OF_MOTION = frozenset(
     ("tilt_delay", "tilt_filter_time", "spin_angle_delay", "encoder_zero", "tilt_cubic", "tilt_cross_talk")
 )
-#: Of these, the ones that show in nothing but what turns with the shaft, the tilt's rate being small.
+#: Those that show in harmonics alone, as the tilt's rate is small.
 _OF_HARMONICS = OF_MOTION - {"tilt_cubic", "tilt_cross_talk"}
-#: Part of the tilt by which sensors err, up to which one round, and two, find the tilt that they show.
+#: Relative errors of the tilt sensors up to which one repetition, and two, find the true tilt.
 _SMALL, _LARGE = 1.0e-3, 3.0e-2
 
 
@@ -66,34 +65,26 @@ class Instruments:
         return cls(found, orders, values["sample_period"], values["motor_ripple_order"])
 
     def as_perfect(self) -> Instruments:
-        """Return instruments that show what is, when it is."""
+        """Return instruments without errors and delays."""
         return replace(self, values=dict.fromkeys(self.values, 0.0))
 
     @property
     def perfect(self) -> bool:
-        """Whether every reading shows what is, when it is."""
+        """Whether every reading is exact and immediate."""
         return not any(self.values.values())
 
     def turns_motion(self, other: Instruments, *, harmonics: bool) -> bool:
         """Whether the true motion differs between these instruments and others.
 
-        Parameters
-        ----------
-        other : Instruments
-            The others.
-        harmonics : bool
-            Whether the readings of the tilt have a part that turns with the shaft.
+        `harmonics`: whether the readings of the tilt have harmonics of the shaft angle.
         """
         names = OF_MOTION if harmonics else OF_MOTION - _OF_HARMONICS
         return any(self.values[name] != other.values[name] for name in names)
 
     def turns_current(self, other: Instruments) -> bool:
         """Whether the true current differs between these instruments and others."""
-        return any(
-            self.values[name] != other.values[name]
-            for name in self.values
-            if name.startswith(("motor_current", "spin_angle", "encoder"))
-        )
+        names = (n for n in self.values if n.startswith(("motor_current", "spin_angle", "encoder")))
+        return any(self.values[name] != other.values[name] for name in names)
 
     def phase(self, spin: Any) -> Any:
         """Return the lead of the true angle at a stamp over the reading [rad], without its ripple."""
@@ -101,21 +92,17 @@ class Instruments:
 
     def smooth(self, channel: Smooth, order: float, spin: Any) -> Any:
         """Return amplitude of the reading over true amplitude of exp(i order angle), for a smooth quantity."""
-        return self._turned(
-            order, spin, smooth_response(order * spin, *self._chain(channel)) if self._acts(channel) else 1.0
-        )
+        response = smooth_response(order * spin, *self._chain(channel)) if self._acts(channel) else 1.0
+        return self._turned(order, spin, response)
 
     def held(self, channel: Held, order: float, spin: Any) -> Any:
         """Return the same for a quantity that is held for each sampling period."""
-        own = (
-            held_response(order * spin, *self._chain(channel), period=self.period)
-            if self._acts(channel)
-            else 1.0
-        )
+        held = self._acts(channel)
+        own = held_response(order * spin, *self._chain(channel), period=self.period) if held else 1.0
         return self._turned(order, spin, own)
 
     def angle(self, order: float, spin: Any) -> Any:
-        """Return the same for what is read at the stamp itself."""
+        """Return the same for a quantity that is read at the stamp itself."""
         return self._turned(order, spin, 1.0)
 
     def _turned(self, order: float, spin: Any, response: Any) -> Any:
@@ -178,7 +165,7 @@ class Instruments:
         )
 
     def _unmixed(self, amplitudes: Any) -> Any:
-        """Return amplitudes (n, harmonics, terms) by the true angle from those by a reading with errors in a turn."""
+        """Return amplitudes (n, harmonics, terms) by the true angle from those by a reading with encoder errors."""
         errors = {k: self.encoder(k) for k in HARMONICS}
         if not any(errors.values()):
             return amplitudes
@@ -188,17 +175,15 @@ class Instruments:
         return np.einsum("th,nhk->ntk", mixing, amplitudes)
 
     def true_tilt(self, reading: Any, rate: Any, acceleration: Any) -> tuple[Any, Any, Any]:
-        """Return the tilt that sensors with cubic error and cross-talk show so, and its two derivatives.
+        """Return the true tilt for readings of sensors with cubic error and cross-talk, and its two derivatives.
 
-        Parameters
-        ----------
-        reading, rate, acceleration : complex ndarray
-            The reading with its zero and scale taken out, and its derivatives [rad], [rad/s], [rad/s²].
+        `reading` is free of zero and scale errors; `rate` and `acceleration` are its derivatives [rad], [rad/s],
+        [rad/s²].
         """
         cubic, cross = self.values["tilt_cubic"], self.values["tilt_cross_talk"]
         if cubic == 0.0 and cross == 0.0:
             return reading, rate, acceleration
-        # sensors that share the tilt alike: two equations, solved at once
+        # sensors with the same mutual cross-talk: two equations, solved at once
         z, dz, ddz = (
             (part - 1j * cross * np.conj(part)) / (1.0 - cross**2) for part in (reading, rate, acceleration)
         )

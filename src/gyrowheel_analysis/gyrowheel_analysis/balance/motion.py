@@ -23,25 +23,14 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(3)
 _ENDS = np.polynomial.polynomial.polyvander([1.0, -1.0], 2) @ np.linalg.inv(
     np.polynomial.polynomial.polyvander(NODES, 2)
 )
-#: Difference between the ends of a window of what is known at the nodes.
+#: Difference between the ends of a window of a quantity given at the nodes.
 ACROSS = _ENDS[0] - _ENDS[1]
 
 
 def at_nodes(polynomial: Any, half: Any, derivative: int = 0) -> Any:
-    """Return polynomials in x, or a time derivative of them, at the nodes.
+    """Return polynomials in x (n, ..., terms), or a time derivative of them, at the nodes (n, ..., nodes).
 
-    Parameters
-    ----------
-    polynomial : ndarray (n, ..., terms)
-        Coefficients over the last axis.
-    half : ndarray (n, 1)
-        Half the duration of each window [s].
-    derivative : int
-        Order of the derivative.
-
-    Returns
-    -------
-    ndarray (n, ..., nodes)
+    `half` (n, 1) is half the duration of each window [s].
     """
     order = np.arange(polynomial.shape[-1])
     factor = np.ones(polynomial.shape[-1])
@@ -57,12 +46,12 @@ def summed(amplitudes: Any, wave: Any) -> Any:
 
 
 def mean(values: Any, weights: Any) -> Any:
-    """Return the sum (n,) of values times weights of their own, both (n, nodes, phases)."""
+    """Return the sum (n,) of values times individual weights, both (n, nodes, phases)."""
     return (values * weights).sum(axis=(1, 2))
 
 
 def amplitude(values: Any, weights: Any) -> Any:
-    """Return the sum (n,) of values (n, nodes, phases), or what broadcasts to it, times weights (nodes, phases)."""
+    """Return the sum (n,) of values, broadcast to (n, nodes, phases), times weights (nodes, phases)."""
     if np.ndim(values) == 0:
         return values * weights.sum() if values else 0.0
     nodes, phases = weights.shape
@@ -70,8 +59,8 @@ def amplitude(values: Any, weights: Any) -> Any:
     return values.reshape(len(values), nodes * phases) @ weights.reshape(-1)
 
 
-_KEPT = 3  # motions that were undone: large arrays
-_PHASES = 12  # spin angles at least; the products of the harmonics kept reach the fifth
+_KEPT = 3  # cached true motions: large arrays
+_PHASES = 12  # spin angles at least; the products of the harmonics reach the fifth
 
 
 class Motion:
@@ -84,8 +73,8 @@ class Motion:
     bench : Bench
         The model's bench.
     assumed : mapping of str to float
-        Temperatures and pressure that were never taken, each with the part that it has of the static error of the
-        bench for its instrument. Of what was measured that error is far below what any effect shows.
+        Temperatures and pressure that were never taken, each with its part of the static error of the bench for its
+        instrument. Where they were measured, that error is far too small to show in any effect.
 
     Attributes
     ----------
@@ -112,7 +101,7 @@ class Motion:
     ripple_weights : ndarray (nodes, phases)
         Weights of the amplitude at the order of the motor's ripple.
     instruments : Instruments
-        The instruments whose doing is undone in it.
+        The instruments whose errors are removed.
     quantities : dict
         Quantities of the laws besides the motion, see `effects.quantities`.
     table_rate : ndarray (n, 1, 1)
@@ -124,7 +113,7 @@ class Motion:
         self._bench, self._assumed = bench, dict(assumed or {})
         half = 0.5 * w.duration[:, None]
         ripple_order = self._ripple_order = bench.value("motor_ripple_order")
-        # enough of them that the ripple is not mistaken for its mirror image
+        # enough to distinguish the ripple from its alias
         phases = max(_PHASES, round(2.0 * ripple_order) + 4)
         theta = self._phases = np.arange(phases) * (2.0 * np.pi / phases)
         h = np.array(HARMONICS)
@@ -136,7 +125,7 @@ class Motion:
         self.turn = np.exp(1j * self.angle)
         self.sines, self.cosines = np.sin(self.angle).reshape(-1), np.cos(self.angle).reshape(-1)
         self.instruments = Instruments.of(bench.values(), {}).as_perfect()
-        #: The last motions that were undone, and responses of the instruments: most steps of a fit change neither.
+        #: The last true motions, and responses of the instruments: most steps of a fit change neither.
         self._undone: OrderedDict[tuple[float, ...], Motion] = OrderedDict()
         self._shown: dict[tuple[Held, float], Any] = {}
         self._read_motion(w)
@@ -150,7 +139,7 @@ class Motion:
             "theta_z": self.angle,
             "T_coil": (w.coil_temperature[:, None] + w.coil_temperature_rate[:, None] * tau)[:, :, None],
             "T_air": w.air_temperature[:, None, None],
-            # the reading of a vacuum may be below zero
+            # the reading of a vacuum may be negative
             "rho": (np.maximum(w.air_pressure, 0.0) / (bench.value("gas_constant") * w.air_temperature))[
                 :, None, None
             ],
@@ -177,7 +166,7 @@ class Motion:
         self.spin = at_nodes(w.spin, half)[:, :, None]
         self.spin_rate = at_nodes(w.spin, half, 1)[:, :, None]
         self.tilt = at_nodes(w.tilt, half)[:, :, None] + waves(a0)
-        # derivatives of the tilt: what does not go with the spin rate, what goes with it, what with its square
+        # derivatives of the tilt by power of the spin rate: none, the first, the second
         self._slow_rate, self._turning_rate = at_nodes(w.tilt, half, 1)[:, :, None] + waves(a1), waves(a0, 1)
         self._slow_acceleration = at_nodes(w.tilt, half, 2)[:, :, None] + waves(a2)
         self._coriolis, self._centripetal = 2.0 * waves(a1, 1), waves(a0, 2)
@@ -191,7 +180,7 @@ class Motion:
         self.quantities = {**self.quantities, "i_motor": w.motor_current[:, None, None] + turning}
 
     def undone(self, instruments: Instruments) -> Motion:
-        """Return the true motion, where these readings are those of some instruments.
+        """Return the true motion, if these are readings of some instruments.
 
         The non-linearity of the tilt sensors is left to `Instruments.true_tilt`.
         """
@@ -203,7 +192,7 @@ class Motion:
             return self._undone[key]
         result = copy(self)
         result.instruments, result._shown = instruments, {}
-        result._undone = OrderedDict()  # not itself: in a circle large arrays would wait for the collector
+        result._undone = OrderedDict()  # not shared: a cycle would keep large arrays until collection
         result._read_motion(instruments.true_motion(self._windows))
         result._read_current(instruments.true_current(self._windows))
         self._undone[key] = result
@@ -212,7 +201,7 @@ class Motion:
         return result
 
     def shown(self, reading: Held, order: float) -> Any:
-        """Return the amplitude of a reading over the true one, of what turns `order` times as fast as the shaft."""
+        """Return the amplitude of a reading over the true one, at `order` times the spin rate."""
         if self.instruments.perfect:
             return 1.0
         if (reading, order) not in self._shown:
@@ -220,13 +209,12 @@ class Motion:
         return self._shown[reading, order]
 
     def current_read_by(self, instruments: Instruments) -> Motion:
-        """Return the motion with the current as other instruments show it; tilt and spin rate stay as they are."""
+        """Return the motion with the current by other instruments; tilt and spin rate stay."""
         result = copy(self)
         result.instruments, result._shown = instruments, {}
         w = self._windows
-        if (np.any(w.current_harmonics) or np.any(w.current_ripple)) and self.instruments.turns_current(
-            instruments
-        ):
+        there = np.any(w.current_harmonics) or np.any(w.current_ripple)
+        if there and self.instruments.turns_current(instruments):
             result._read_current(instruments.true_current(w))
         return result
 
@@ -257,7 +245,7 @@ class Motion:
         return self._surrounded(q, values) if self._assumed else q
 
     def _surrounded(self, q: dict[str, Any], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the quantities of the laws with temperatures and pressure corrected for the error of assumed ones."""
+        """Return the quantities of the laws corrected for the errors of assumed temperatures and pressure."""
         warmer, denser = (
             values[name] - self._bench.value(name) for name in ("temperature_bias", "pressure_bias")
         )
@@ -268,7 +256,7 @@ class Motion:
             q["rho"] = q["rho"] * (q["T_air"] / (q["T_air"] - air))
             q["T_air"] = q["T_air"] - air
         if pressure := denser * part("air_pressure", 0.0):
-            # a part of it, so that a vacuum stays one
+            # relative, so that a vacuum stays a vacuum
             q["rho"] = q["rho"] * (1.0 - pressure / self._bench.value("air_pressure"))
         return q
 

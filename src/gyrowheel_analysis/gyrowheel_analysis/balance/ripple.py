@@ -1,7 +1,7 @@
 """The ripple of the spin rate that belongs to the measured motor current.
 
-The universal joint makes the spin rate ripple. The ripple that belongs to the measured current is far better known than
-a reading of the speed: over a revolution the motor's torque must be that of its current.
+The universal joint makes the spin rate ripple. The ripple follows from the measured current far more accurately than
+from a reading of the speed: over a revolution the motor's torque must be that of its current.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from gyrowheel_analysis.balance.motion import Motion, summed
 from gyrowheel_analysis.balance.torques import Instants
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS
 
-#: An error of the ripple up to this is made good to first order [rad/s]. How the coils answer a ripple depends on the
-#: inertia, which is known to a part in a hundred at worst: what is left is some nN m.
+#: Error of the ripple that is corrected to first order [rad/s]. The coils' response to a ripple depends on the inertia,
+#: which is known to a part in a hundred at worst: the remaining error is some nN m.
 _ACCURACY = 3.0e-5
 _REPETITIONS = 4
 _FIRST_REPETITIONS = 3
@@ -56,16 +56,9 @@ class RippleResponse:
     def about(
         cls, motion: Motion, inertia: float, wanted: Any, torques: Callable[[Any], Instants]
     ) -> RippleResponse:
-        """Find the ripple of a state and the response about it.
+        """Return the response about a state whose motor torque has the amplitudes `wanted` (n, harmonics, nodes).
 
-        Parameters
-        ----------
-        motion, inertia
-            As the attributes.
-        wanted : complex ndarray (n, harmonics, nodes)
-            Amplitudes that the motor's torque must have [N m].
-        torques : callable
-            Gives the state for a ripple.
+        `torques` gives the state for a ripple; the other arguments are the attributes.
         """
         ripple = np.zeros_like(wanted)
         for _ in range(_FIRST_REPETITIONS):
@@ -82,17 +75,10 @@ class RippleResponse:
     def solved(
         self, wanted: Any, torques: Callable[[Any], Instants], near: Instants | None = None
     ) -> Instants:
-        """Return the state whose motor torque has the amplitudes `wanted`.
+        """Return the state whose motor torque has the amplitudes `wanted` (n, harmonics, nodes) [N m].
 
-        Parameters
-        ----------
-        wanted : complex ndarray (n, harmonics, nodes)
-            The amplitudes [N m].
-        torques : callable
-            Gives the state for a ripple.
-        near : Instants, optional
-            A state from which it is but the step of a derivative away: its ripple is then enough to begin with.
-            Without it the search begins at `ripple`.
+        `torques` gives the state for a ripple. The search begins at `ripple`, or at the state `near`: that is only the
+        step of a derivative away, and its ripple suffices.
         """
         ripple = self.ripple if near is None else near.ripple
         for _ in range(_REPETITIONS):
@@ -113,7 +99,7 @@ class RippleResponse:
             motor = motor + motor_response * part
         change = _amplitudes(parts)
         rate = at.rate + summed(change, self.motion.wave).real
-        # a spin angle that is passed quickly takes little time
+        # a spin angle that passes quickly has a small share of the time
         weights = at.weights * at.rate / rate
         weights = weights / weights.sum(axis=(1, 2), keepdims=True)
         return replace(at, ripple=at.ripple + change, coil=coil, motor=motor, rate=rate, weights=weights)
@@ -132,16 +118,14 @@ def _error(motion: Motion, inertia: float, motor: Any, wanted: Any) -> Any:
 
 def _real_parts(amplitudes: Any) -> Any:
     """Return real and imaginary parts of the amplitudes (n, harmonics, nodes) of a ripple: (n, nodes, parts)."""
-    return np.stack(
-        [amplitudes[:, place].real if unit == 1.0 else amplitudes[:, place].imag for place, unit in _PARTS],
-        axis=-1,
-    )
+    parts = [amplitudes[:, p].real if unit == 1.0 else amplitudes[:, p].imag for p, unit in _PARTS]
+    return np.stack(parts, axis=-1)
 
 
 def _amplitudes(parts: Any) -> Any:
-    """Return the amplitudes (..., harmonics, nodes) of a ripple that has these parts (..., nodes, parts)."""
+    """Return the amplitudes (..., harmonics, nodes) of a ripple with these parts (..., nodes, parts)."""
     result = np.zeros((*parts.shape[:-2], len(HARMONICS), *parts.shape[-2:-1]), dtype=complex)
-    # real and imaginary parts are beside one another, as in complex numbers
+    # real and imaginary parts are next to each other, as in complex numbers
     values = np.swapaxes(np.ascontiguousarray(parts).view(complex), -1, -2)
     result[..., _PLACES, :], result[..., _MIRRORS, :] = values, np.conj(values)
     return result

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def measured_rows(windows: Windows, bench: Bench, channels: Sequence[Channel], kept: Set[str]) -> Array:
-    """Return the measured rows of channels that are kept, converted with the constants of a bench."""
+    """Return the measured rows `kept` of channels, converted with the constants of a bench."""
     return _joined(channels, kept, lambda c: _MEASURED[c.quantity](windows, bench, c))
 
 
@@ -38,22 +38,9 @@ def predicted_rows(
     channels: Sequence[Channel],
     kept: Set[str],
 ) -> Array:
-    """Return the predicted rows of channels that are kept.
+    """Return the predicted rows `kept` of channels, for the required torques `at` and bench parameters `values` [SI].
 
-    Parameters
-    ----------
-    at : Instants
-        The required torques.
-    values : mapping
-        Bench parameters by name [SI].
-    windows : Windows
-        The measured motion.
-    bench : Bench
-        The model's bench, whose constants convert readings to torques.
-    channels : sequence of Channel
-        The channels, in the order of their rows.
-    kept : set of str
-        Names of the rows.
+    `windows` are the measured motion; the constants of `bench`, the model's, convert readings to torques.
     """
     state = _Predicted(at, values, windows, bench)
     return _joined(channels, kept, lambda c: _PREDICTED[c.quantity](state, c))
@@ -64,14 +51,6 @@ def _coil_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
     if channel.group == "average":
         return [coil * w.coil_voltage.real, coil * w.coil_voltage.imag]
     return _components((coil * w.coil_harmonics)[:, FORWARD.index(channel.order)])
-
-
-def _motor_torque_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
-    return [bench.value("motor_constant") * w.motor_current]
-
-
-def _motor_voltage_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
-    return [w.motor_voltage]
 
 
 def _shaft_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
@@ -89,7 +68,7 @@ def _angle_measured(w: Windows, bench: Bench, channel: Channel) -> list[Array]:
 
 
 class _Predicted:
-    """A state of the balance with what several of its rows are made of."""
+    """A state of the balance with quantities that several rows share."""
 
     def __init__(self, at: Instants, values: Mapping[str, float], windows: Windows, bench: Bench) -> None:
         self.at, self.values, self.windows, self.bench = at, values, windows, bench
@@ -161,7 +140,7 @@ class _Predicted:
         error = self.bench.value("coil_constant") * self.error("coil_voltage_x", "coil_voltage_y")
         if channel.group == "average":
             average = mean(self.coil, self.at.weights)
-            # what the torque gains from the beginning to the end is missing in the mean of what follows with a lag
+            # the gain of the torque from the beginning to the end is missing in the mean of a delayed quantity
             late = self.lag - self.instruments.lateness("coil_voltage")
             average = average + late * (self.coil.mean(axis=2) @ ACROSS) / self.windows.duration
             return _components(average + self.mean_of(error))
@@ -231,15 +210,15 @@ class _Predicted:
         order = channel.order
         place = HARMONICS.index(order)
         ripple = self.at.ripple[:, place] @ (0.5 * WEIGHTS) / (1j * order * self.windows.mean_spin)
-        # the reading is late for the ripple as it is for the angle itself: only its zero turns what it shows
+        # the reading delays the ripple as it delays the angle itself: only its zero changes the phase
         zero = np.exp(-1j * order * self.instruments.values["encoder_zero"])
         return _components(ripple * zero + self.instruments.encoder(order))
 
 
 _MEASURED: dict[Quantity, Callable[[Windows, Bench, Channel], list[Array]]] = {
     "coil_torque": _coil_measured,
-    "motor_torque": _motor_torque_measured,
-    "motor_voltage": _motor_voltage_measured,
+    "motor_torque": lambda w, bench, _: [bench.value("motor_constant") * w.motor_current],
+    "motor_voltage": lambda w, bench, _: [w.motor_voltage],
     "shaft_torque": _shaft_measured,
     "winding_voltage": _winding_measured,
     "encoder_angle": _angle_measured,

@@ -5,33 +5,134 @@ Effects that act on the tilt readings are evaluated along the measured motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from gyrowheel_analysis.balance.laws import (
-    AFTER,
-    AHEAD,
-    AT_REST,
-    INSTRUMENT,
-    NO_JOINT,
-    READING,
-    ActiveEffect,
-    Laws,
-    evaluated,
-    laws_on,
-)
 from gyrowheel_analysis.balance.motion import Motion
+from gyrowheel_sim.effects.declaration import Effect, Law
 from gyrowheel_sim.effects.law_code import array_law
-from gyrowheel_sim.effects.quantities import Omega, t, theta_z, z, z_rate
-from gyrowheel_sim.effects.targets import INERTIAS, TARGETS, TORQUE_PARAMETERS, added, changed
+from gyrowheel_sim.effects.quantities import Omega, T_motor, T_winding, t, theta_z, z, z_rate
+from gyrowheel_sim.effects.targets import (
+    INERTIAS,
+    INSTRUMENT_PARAMETERS,
+    TARGETS,
+    TORQUE_PARAMETERS,
+    TORQUE_PLACES,
+    added,
+    changed,
+)
 from gyrowheel_sim.jit import compile_kernels
 from gyrowheel_sim.mechanics.dynamics import Joint, generalised_forces
 from gyrowheel_sim.mechanics.inverse import N_POINT
 
-#: Step of the derivatives of a reading's error [rad of the spin angle], and the five-point formulas for them.
+#: Sum of the laws of every target that has one; of a target with a law for each flexure, a pair.
+Laws = Mapping[str, Any]
+
+#: Angles of a flexure for laws that do not act on one.
+NO_JOINT = {"theta": 0.0, "theta_rate": 0.0, "axis": 1.0}
+#: Substitutes of the motion in laws that must not depend on it.
+AT_REST = {"z": 0.0j, "z_rate": 0.0j}
+
+#: Targets that change the tilt readings, and those that the inverse dynamics needs; all others are evaluated after it,
+#: with the motion known.
+READING = frozenset(
+    t.name for t in TARGETS.values() for e in t.enters if (e.place, e.of) == ("reading", "tilt")
+)
+AHEAD = frozenset(
+    t.name for t in TARGETS.values() for e in t.enters if e.place == "case_rate" or e.of in INERTIAS
+)
+#: Targets that change an instrument; their laws are constant, and evaluated before everything else.
+INSTRUMENT = frozenset(t.name for t in TARGETS.values() for e in t.enters if e.of in INSTRUMENT_PARAMETERS)
+AFTER = frozenset(TARGETS) - READING - AHEAD - INSTRUMENT
+TORQUES = frozenset(t.name for t in TARGETS.values() for e in t.enters if e.place in TORQUE_PLACES)
+#: Targets of laws that change the motion itself, so that the state of the balance must be computed again.
+OF_MOTION = (
+    READING | AHEAD | {t.name for t in TARGETS.values() for e in t.enters if e.of in TORQUE_PARAMETERS}
+)
+_WARM = frozenset((T_winding, T_motor))
+
+
+@dataclass(frozen=True)
+class ActiveEffect:
+    """An effect with the values of its coefficients."""
+
+    effect: Effect
+    values: Mapping[str, float]
+
+
+def laws_on(
+    effects: Iterable[ActiveEffect], targets: frozenset[str]
+) -> Iterator[tuple[ActiveEffect, int, Law]]:
+    """Return the laws of effects that act on some targets, each with its number."""
+    for active in effects:
+        for index, law in enumerate(active.effect.laws):
+            if law.target in targets:
+                yield active, index, law
+
+
+def evaluated(
+    effects: Sequence[ActiveEffect],
+    quantities: Mapping[str, Any],
+    targets: frozenset[str],
+    joint: Joint | None = None,
+) -> Laws:
+    """Return the sum of the laws on some targets.
+
+    `quantities` are those of the laws, by the names of `effects.quantities`; `joint` has the angles of the flexures,
+    for targets with a law for each of them.
+    """
+    result: dict[str, Any] = {}
+    for active, index, law in laws_on(effects, targets):
+        function = array_law(active.effect, index)
+        target = TARGETS[law.target]
+        if target.each_flexure:
+            assert joint is not None  # such targets come after the motion
+            angles = (1.0, joint.theta_x, joint.theta_x_rate), (-1.0, joint.theta_y, joint.theta_y_rate)
+            values = [
+                np.real(
+                    function(
+                        {**quantities, **active.values, "theta": angle, "theta_rate": rate, "axis": axis}
+                    )
+                )
+                for axis, angle, rate in angles
+            ]
+            so_far = result.get(target.name, (0.0, 0.0))
+            result[target.name] = tuple(a + b for a, b in zip(so_far, values, strict=True))
+            continue
+        value = function({**quantities, **active.values, **NO_JOINT})
+        result[target.name] = result.get(target.name, 0.0) + (value if target.complex else np.real(value))
+    return result
+
+
+def difference(new: Laws, old: Laws) -> Laws:
+    """Return the laws `new` less `old`; `new` must have those of `old`."""
+    result: dict[str, Any] = {}
+    for name, value in new.items():
+        before = old.get(name, (0.0, 0.0) if TARGETS[name].each_flexure else 0.0)
+        pairs = TARGETS[name].each_flexure
+        result[name] = tuple(a - b for a, b in zip(value, before, strict=True)) if pairs else value - before
+    return result
+
+
+def replaced(laws: Laws, new: Laws, old: Laws) -> Laws:
+    """Return laws in which one effect gives `new` instead of `old`, except those of the flexures."""
+    changed = {
+        name: laws.get(name, 0.0) + value - old.get(name, 0.0)
+        for name, value in new.items()
+        if not TARGETS[name].each_flexure
+    }
+    return {**laws, **changed}
+
+
+def depend_on_motor_temperature(effects: Iterable[ActiveEffect]) -> bool:
+    """Whether a law of an effect depends on the temperature of the motor's winding or magnets."""
+    return any(law.expression.free_symbols & _WARM for active in effects for law in active.effect.laws)
+
+
+#: Step of the derivatives of a reading's error [rad of the spin angle], and their five-point formulas.
 _STENCIL = 0.05
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 _SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
@@ -51,21 +152,10 @@ def tilt_reading_error(
 ) -> tuple[Any, Any, Any]:
     """Return the contribution of the effects to the tilt readings, with its first and second derivative.
 
-    The laws see the true tilt, which is the reading less what they add: found by repetition. The derivatives are
-    taken along the motion, with what changes slowly held.
-
-    Parameters
-    ----------
-    effects : sequence of ActiveEffect
-        The effects.
-    q : mapping
-        Quantities of the laws except the tilt.
-    phi : complex ndarray
-        Tilt angles of the readings with the bench's own zero and scale taken out [rad].
-    tilt_rate, tilt_acc, acceleration : ndarray
-        Derivatives of the readings [rad/s], [rad/s²]; spin acceleration [rad/s²].
-    motion : Motion
-        The measured motion.
+    The laws take the true tilt, the reading less their own contribution: it is found by repetition. The derivatives are
+    taken along the motion, with slow quantities held. `q` has the quantities of the laws except the tilt; `phi` is the
+    reading without the bench's own zero and scale [rad], `tilt_rate` and `tilt_acc` are its derivatives, and
+    `acceleration` is the spin acceleration [rad/s²].
     """
     error: Any = 0.0j
     first: Any = 0.0j
@@ -151,33 +241,21 @@ class Instants:
     joint: Joint
     axis: SpinAxis
 
-    def with_laws(self, laws: Laws) -> Instants:
-        """Return the state with other laws."""
-        return replace(self, laws=laws)
-
 
 def required_torques(
     motion: Motion, values: Mapping[str, float], effects: Sequence[ActiveEffect], ripple: Any
 ) -> Instants:
     """Return the required torques for a given ripple of the spin rate.
 
-    Parameters
-    ----------
-    motion : Motion
-        The measured motion, with what the instruments do to it undone.
-    values : mapping
-        Bench parameters by name [SI].
-    effects : sequence of ActiveEffect
-        Effects with their coefficients.
-    ripple : complex ndarray (n, harmonics, nodes)
-        Amplitudes of the ripple [rad/s].
+    `motion` is free of the instruments' errors; `values` are the bench parameters [SI]; `ripple` (n, harmonics, nodes)
+    are the amplitudes of the ripple [rad/s].
     """
     rate, acceleration = motion.spin_with(ripple)
     tilt_rate, tilt_acc = motion.tilt_derivatives(rate, acceleration)
     q = motion.quantities_at(rate, values)
     bias = complex(values["tilt_bias_x"], values["tilt_bias_y"])
     scale = values["tilt_scale"]
-    # the error of the reading first: every other law sees the true tilt
+    # the error of the reading first: every other law takes the true tilt
     error, error_rate, error_acc = tilt_reading_error(
         effects, q, (motion.tilt - bias) / scale, tilt_rate, tilt_acc, acceleration, motion
     )
@@ -209,7 +287,7 @@ def required_torques(
     need_y = joint.inertial[1] - (own.flexures[1] + by_laws[1]) - forces[1]
     coil = motion.turn * (need_x + 1j * need_y / joint.cx)
     motor = joint.inertial[2] - added(laws, values, "shaft", start=own.shaft) - forces[2]
-    # a spin angle that is passed quickly takes little time
+    # a spin angle that passes quickly has a small share of the time
     weights = motion.weights * motion.spin / rate
     weights = weights / weights.sum(axis=(1, 2), keepdims=True)
     return Instants(motion, ripple, coil, motor, rate, weights, laws, q, joint, axis)
@@ -235,7 +313,7 @@ def bench_torques(values: Mapping[str, float], rate: Any, joint: Joint) -> Torqu
 
 
 def law_torques(laws: Laws, values: Mapping[str, float]) -> Torques:
-    """Return the torques that laws give [N m]."""
+    """Return the torques of laws [N m]."""
     return Torques(
         added(laws, values, "across"),
         added(laws, values, "along"),
@@ -245,7 +323,7 @@ def law_torques(laws: Laws, values: Mapping[str, float]) -> Torques:
 
 
 def flexure_laws(laws: Laws) -> tuple[Any, Any]:
-    """Return the torques that laws give on the two flexures [N m]."""
+    """Return the torques of laws on the two flexures [N m]."""
     first, second = (
         added({name: pair[side] for name, pair in laws.items() if TARGETS[name].each_flexure}, {}, "flexure")
         for side in (0, 1)
@@ -254,7 +332,7 @@ def flexure_laws(laws: Laws) -> tuple[Any, Any]:
 
 
 def pushed(motion: Motion, at: Instants, torques: Torques) -> Instants:
-    """Return a state in which further torques act; its ripple is still that of the state before."""
+    """Return a state with further torques; its ripple is still that of the state before."""
     forces = _forces(at.joint, at.axis, at.quantities["z"], torques.across, torques.along)
     flexures = torques.flexures
     coil = at.coil - motion.turn * (forces[0] + flexures[0] + 1j * (forces[1] + flexures[1]) / at.joint.cx)
@@ -263,7 +341,7 @@ def pushed(motion: Motion, at: Instants, torques: Torques) -> Instants:
 
 def _forces(joint: Joint, axis: SpinAxis, tilt: Any, across: Any, axial: Any) -> tuple[Any, Any, Any]:
     """Return the generalised forces of torques across and along the spin axis."""
-    # a torque across the spin axis has no component along it: this fixes its z component
+    # the z component follows: a torque across the spin axis has no component along it
     along = (np.conj(tilt) * across).imag
     total = across + axial * axis.across
     forces: tuple[Any, Any, Any] = generalised_forces(
@@ -315,12 +393,9 @@ def _inverse(
         return np.ascontiguousarray(np.broadcast_to(array, motion.shape)).reshape(-1)
 
     turning = bool(np.any(turn))
-    nothing = np.zeros(0)
-    case = (
-        (flat(turn.real), flat(turn.imag), flat(motion.table_rate * motion.quantities["up"]))
-        if turning
-        else (nothing, nothing, nothing)
-    )
+    none = np.zeros(0)
+    up = motion.table_rate * motion.quantities["up"]
+    case = (flat(turn.real), flat(turn.imag), flat(up)) if turning else (none, none, none)
     inertias = [changed(laws, values, name) for name in INERTIAS]
     out = np.empty((N_POINT, motion.angle.size))
     compile_kernels(*_KERNELS).inverse_points(

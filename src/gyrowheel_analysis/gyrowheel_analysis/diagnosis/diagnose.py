@@ -51,10 +51,9 @@ from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError,
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.windows import concatenate
-from gyrowheel_analysis.residuals.error_table import errors_of
+from gyrowheel_analysis.residuals.error_table import errors_of, window_residuals
 from gyrowheel_analysis.residuals.growth import growth
-from gyrowheel_analysis.residuals.regions import regions
-from gyrowheel_analysis.residuals.windows import window_residuals
+from gyrowheel_analysis.residuals.maps import regions
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.bench import Bench
@@ -85,15 +84,14 @@ def diagnose(
     model : Model
         The model that disagrees with them.
     validate : sequence of Recording
-        Further recordings of the machine on which nothing is fitted; the error on them shows whether what was
-        found is confirmed.
+        Further recordings of the machine on which nothing is fitted; the error on them shows whether the findings are
+        confirmed.
     averages : bool
-        Whether to use averages over whole revolutions alone: for recordings in which filters hide what happens within
-        one.
+        Whether to use averages over whole revolutions alone, for recordings whose filters conceal harmonics.
     mixed : bool
-        Whether recordings of different machines are wanted; if not, their inertias must agree.
+        Whether recordings of different machines are allowed; if not, their inertias must agree.
     progress : callable, optional
-        Called with a line of text now and then.
+        Called with a line of text for each step.
     """
     began = clock.monotonic()
     say = progress or (lambda text: None)
@@ -193,7 +191,7 @@ def _judged(explanation: _Explanation, paths: list[str], validate: Sequence[Reco
         events=tuple(events),
         drift_shapes=tuple(shapes),
         readings=readings.found,
-        hum_unknown=readings.untold,
+        hum_unknown=readings.hum_unknown,
         proof=proof,
         beyond=tuple(far),
         lack_of_fit=lack,
@@ -218,7 +216,7 @@ def _limits(problem: Problem, best: Fit, inflation: float) -> list[DetectionLimi
 
 
 def _beside(problem: Problem, proposal: Proposal, term: Term) -> Finding:
-    """Return an effect next to a free form, without ties: while something is unknown they mean little."""
+    """Return an effect next to a free form, without ties: while something is unknown they have little meaning."""
     without = problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
     return Finding(term, without.chi2 - proposal.fit.chi2, (), (), without)
 
@@ -231,7 +229,7 @@ def _verdict(
     lack: float,
     proof: Proof,
 ) -> Verdict:
-    """Return the verdict. What is impossible, or does not explain the recordings, is no explanation."""
+    """Return the verdict. Impossible values, or an unexplained part of the recordings, are no explanation."""
     unexplained = lack > CHI2_RANGE
     if proposal is not None or any(b.kind == "impossible" for b in far):
         return "unknown"
@@ -247,11 +245,11 @@ def _verdict(
 def _verdict_of(findings: list[EffectFinding], far: list[Beyond], *, unexplained: bool) -> Verdict:
     """Return the verdict where effects were found.
 
-    Alone, an effect of any possible size may be what it is; of several, one may only make up for another. The zero of
-    an encoder, or a delay, is set by the builder of the bench: no size of it is unusual.
+    Alone, an effect may have any possible size; one of several may only compensate for another. The zero of an encoder,
+    or a delay, is set by the builder of the bench: no size of it is unusual.
     """
     odd = {b.name for b in far if b.kind == "unusual" and not is_instrument(b.name)}
-    # where something of a usual size is as likely, the tie is what is open
+    # where something of a usual size is as likely, the tie is the open question
     tied = {f.name for f in findings if any(not tie.unusual for tie in f.ties)}
     if (odd and unexplained) or (odd - tied and len(findings) > 1):
         return "unknown"
@@ -261,7 +259,7 @@ def _verdict_of(findings: list[EffectFinding], far: list[Beyond], *, unexplained
 def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> EffectFinding:
     problem, term = fitted.problem, finding.term
     windows = concatenate([b.windows for b in problem.balances])
-    # what the effect alone explains: everything else stays as fitted with it
+    # the part of the effect alone: everything else stays as fitted with it
     others = {name: values for name, values in best.coefficients.items() if name != term.name}
     alone = problem.measured - problem.predict(replace(best.point, coefficients=others))
     data = window_residuals(problem.balances, windows, alone, problem.noise.deviation())
@@ -372,7 +370,7 @@ def _next_test(
 
 
 def is_instrument(name: str) -> bool:
-    """Whether a finding of this name is an instrument that is not as stated."""
+    """Whether a finding of this name is a deviation of an instrument."""
     effect = registry().get(name)
     return effect is not None and effect.category == "instrument"
 

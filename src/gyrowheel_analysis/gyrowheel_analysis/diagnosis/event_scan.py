@@ -1,4 +1,4 @@
-"""The scan for events and for shapes of drifts: what may have changed, when or how, and how likely that is."""
+"""The scan for events and for shapes of drifts: possible changes, their times or shapes, and their likelihood."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_recording.bags.sampling import pauses
 
 _BREAKS = 28  # times at which a trend may begin or end
-_PAUSE = 3600.0  # s between windows that no plan leaves
+_PAUSE = 3600.0  # s between windows; longer than in any plan
 _PHASES = 6  # of a swing, over half a period
 #: Times in which a torque that follows the tilt may relax [s].
 LAGS = (3.0, 10.0, 30.0)
@@ -33,24 +33,17 @@ LAGS = (3.0, 10.0, 30.0)
 
 @dataclass(frozen=True)
 class Candidate:
-    """A change that may have happened, of one quantity or of two at once.
+    """A possible change of one quantity or of two at once.
 
-    Attributes
-    ----------
-    events : tuple of Event
-        The change of every quantity, all with the same recording, kind and edges.
-    gain : float
-        Increase of twice the log marginal likelihood.
-    score : float
-        The gain less what chance alone brings somewhere among all places.
-    spans : tuple of (float, float)
-        Between which times each of its edges is about as likely [s].
+    `events` has the change of every quantity, all with the same recording, kind and edges. `gain` is the increase of
+    twice the log marginal likelihood, `score` the gain less that which chance alone brings somewhere among all places.
+    `spans` are the ranges of times in which each of the edges is about as likely [s].
     """
 
     events: tuple[Event, ...]
     gain: float
     score: float
-    spans: tuple[tuple[float, float], ...] = ()
+    spans: tuple[tuple[float, float], ...]
 
     @property
     def first(self) -> Event:
@@ -86,7 +79,7 @@ def _profiles(start: Array, duration: Array) -> list[Profiles]:
     n = len(start)
     steps = np.arange(1, n)
     stop = start + duration
-    # between two windows, if not somewhere in the second one
+    # between two windows, unless within the second one
     between = 0.5 * (stop[:-1] + start[1:])
     result = [Profiles("step", between[:, None], (np.arange(n) >= steps[:, None]).astype(np.float64))]
     first, last = (part + 1 for part in np.triu_indices(n - 1, k=1))
@@ -106,11 +99,11 @@ def _profiles(start: Array, duration: Array) -> list[Profiles]:
 
 
 def _shapes(windows: Windows) -> list[Profiles]:
-    """Return the shapes that drifts may have, but for what follows the tilt."""
+    """Return the shapes that drifts may have, except those that follow the tilt."""
     start, duration = windows.start, windows.duration
     length = float((start + duration).max(initial=0.0) - start.min(initial=math.inf))
     result = []
-    # over pauses nobody follows a fast swing, and looking for it would take shapes without end
+    # over pauses a fast swing cannot be followed, and would need too many shapes
     most = (length - float(np.diff(pauses(start, _PAUSE)).sum())) / SWING_FASTEST
     if most > SWINGS_FEWEST:
         turns = np.arange(SWINGS_FEWEST, most, 0.25)
@@ -184,7 +177,7 @@ def _after_tilt(evidence: Evidence, recording: int, lag: float) -> Candidate:
 
 
 def _spans(profiles: Profiles, likely: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
-    """Return between which times each edge is about as likely, to the next one that is less so."""
+    """Return the range of times in which each edge is about as likely, up to the next less likely time."""
     result = []
     for tried, own in zip(profiles.tried, profiles.edges[likely].T, strict=True):
         low, high = np.searchsorted(tried, (own.min(), own.max()))

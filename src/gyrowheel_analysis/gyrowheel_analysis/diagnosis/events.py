@@ -45,27 +45,20 @@ Array = NDArray[np.float64]
 
 _MOST = 6
 _ROUNDS = 3  # of selecting effects given events and searching events given effects
-_FINE = 0.1  # s between the edges that are tried within windows
-_TIMES = 10_000  # at most that are tried for an edge
-_ENDS = 25  # times that are tried for each end of a trend
+_FINE = 0.1  # s between tried edges within windows
+_TIMES = 10_000  # tried times of an edge, at most
+_ENDS = 25  # tried times of each end of a trend
 #: Readings whose shift looks like a torque in every window.
 _READINGS = {"torque_x": ("coil_voltage_x",), "torque_y": ("coil_voltage_y",)}
 
 
 @dataclass(frozen=True)
 class Found:
-    """An event that was found, before its size is known.
+    """An event before its size is known.
 
-    Attributes
-    ----------
-    events : tuple of Event
-        The change of every quantity, all with the same recording, kind and edges.
-    errors : tuple of float
-        Standard errors of its edges [s].
-    gain : float
-        Increase of twice the log likelihood.
-    ties : tuple of str
-        Other quantities that would serve.
+    `events` has the change of every quantity, all with the same recording, kind and edges; `errors` are the standard
+    errors of the edges [s], `gain` is the increase of twice the log likelihood, and `ties` are other quantities that
+    explain it as well.
     """
 
     events: tuple[Event, ...]
@@ -80,7 +73,7 @@ class Found:
 
 
 def all_of(found: Sequence[Found]) -> list[Event]:
-    """Return every single event of some that were found."""
+    """Return the single events of several changes."""
     return [event for own in found for event in own.events]
 
 
@@ -122,18 +115,7 @@ def explain(
     """Search for events, and for effects or a free form given these events.
 
     Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
-    form do without events.
-
-    Parameters
-    ----------
-    problem : Problem
-        The problem without events.
-    selection : Selection
-        The effects selected so.
-    recordings : sequence of Recording
-        Its recordings.
-    progress : callable, optional
-        Called with a line of text now and then.
+    form do without events. `problem` and `selection` are without events.
     """
     found = find(problem, selection.best, recordings)
     without = Outcome(problem, selection, search(problem, selection, progress=progress), [])
@@ -157,7 +139,7 @@ def explain(
         found = again
     if best.evidence > without.evidence:
         return without
-    # so that the residual that is shown has no events
+    # so that the shown residual is free of events
     cleared = best.problem.without_events(best.fit)
     selection = select(cleared)
     return Outcome(
@@ -206,7 +188,7 @@ def _may_be(candidate: Candidate, trend: Candidate) -> bool:
 
 
 def _fewer(evidence: Evidence, dated: _Dated) -> _Dated:
-    """Return an event of both axes as one of that axis alone which serves as well."""
+    """Return the event of one axis alone in place of both, where it explains as much."""
     alone = [replace(dated, events=(event,), gain=_gain(evidence, [(event,)])) for event in dated.events]
     best = max(alone, key=lambda own: own.gain)
     return best if best.gain > dated.gain - EVENT_SIMPLER else dated
@@ -222,7 +204,7 @@ def _alike(left: Sequence[Event], right: Sequence[Event]) -> bool:
 
 
 def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
-    """Return other quantities of which a change at the same time brings nearly as much."""
+    """Return other quantities whose change at the same time gains nearly as much."""
     first = best.first
     near = [
         name
@@ -252,17 +234,7 @@ def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found
 
 
 def unused_events(validation: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:
-    """Return the events in recordings on which nothing was fitted; their rows are left as they are.
-
-    Parameters
-    ----------
-    validation : Problem
-        The problem of these recordings.
-    fit : Fit
-        The fit to other recordings.
-    recordings : sequence of Recording
-        The recordings.
-    """
+    """Return the events in recordings on which nothing was fitted, given a fit to others; their rows are unchanged."""
     own = validation.fit(fit.terms)
     found = find(validation, own, recordings)
     beside = validation.with_events(all_of(found))
@@ -270,7 +242,7 @@ def unused_events(validation: Problem, fit: Fit, recordings: Sequence[Recording]
 
 
 def as_events(dated: Sequence[DatedEvent], names: Sequence[str]) -> list[Event]:
-    """Return the events in the recordings `names` as a problem of these recordings takes them."""
+    """Return the events in the recordings `names` with the numbers of these recordings."""
     return [
         Event(names.index(d.recording), d.channel, d.kind, d.time, math.inf if d.end is None else d.end)
         for d in dated
@@ -279,7 +251,7 @@ def as_events(dated: Sequence[DatedEvent], names: Sequence[str]) -> list[Event]:
 
 
 def _simplest(candidates: Sequence[Candidate]) -> Candidate:
-    """Return the best candidate, or one of a simpler quantity that serves nearly as well."""
+    """Return the best candidate, or one of a simpler quantity that is nearly as good."""
     serving = [c for c in candidates if c.score > candidates[0].score - EVENT_SIMPLER]
     order = {quantities: k for k, quantities in enumerate(TOGETHER)}
     return min(serving, key=lambda c: (order.get(c.quantities, len(order)), -c.score))
@@ -287,7 +259,7 @@ def _simplest(candidates: Sequence[Candidate]) -> Candidate:
 
 @dataclass(frozen=True)
 class _Dated:
-    """An event with its edges as exactly as they are seen, their standard errors [s], and its gain."""
+    """An event with the best times of its edges, their standard errors [s], and its gain."""
 
     events: tuple[Event, ...]
     errors: tuple[float, ...]
@@ -295,7 +267,7 @@ class _Dated:
 
 
 def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _Dated:
-    """Return an event with its edges as exactly as windows and samples show them."""
+    """Return an event with the best times of its edges by windows and samples."""
     bench, first = evidence.problem.bench, candidate.first
     windows = evidence.problem.balances[first.recording].windows
     edges, errors = list(first.edges), [0.0] * len(first.edges)
@@ -332,7 +304,7 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
 
 
 def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float, float]]) -> _Dated:
-    """Return a trend with its ends between some times; both are equally uncertain, and depend on each other."""
+    """Return a trend with its ends within some times; both are equally uncertain, and depend on each other."""
     ends = [np.linspace(low, high, max(min(_ENDS, round((high - low) / _FINE)), 2)) for low, high in spans]
     pairs = [(a, b) for a in ends[0].tolist() for b in ends[1].tolist() if b > a + TREND_SHORTEST_REFINED]
     if not pairs:
@@ -346,7 +318,7 @@ def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float
 
 
 def _swinging(evidence: Evidence, candidate: Candidate) -> _Dated:
-    """Return a swing with its phase and period as exactly as the windows show them."""
+    """Return a swing with its best phase and period by the windows."""
     peak, period = candidate.first.edges
     errors = (0.0, 0.0)
     for part in (0.15, 0.03):
@@ -364,7 +336,7 @@ def _swinging(evidence: Evidence, candidate: Candidate) -> _Dated:
 
 
 def _between_windows(windows: Windows, low: float, high: float) -> tuple[float, float]:
-    """Return where the window before a time begins, and where the one after another time ends [s]."""
+    """Return the start of the window before a time, and the end of the one after another time [s]."""
     start, stop = windows.start, windows.start + windows.duration
     first, last = (int(np.searchsorted(start, time)) for time in (low, high))
     return float(start[max(first - 1, 0)]), float(stop[min(last, len(stop) - 1)])
@@ -388,7 +360,7 @@ def _gains(evidence: Evidence, changes: Sequence[Sequence[Event]]) -> Array:
 def _by_windows(
     evidence: Evidence, events: Sequence[Event], k: int, begin: float, end: float
 ) -> tuple[float, float]:
-    """Return the time of edge `k` between two times that is expected, and its standard error [s]."""
+    """Return the expected time of edge `k` between two times, and its standard error [s]."""
     first = events[0]
     # between windows with a pause between them, all times are about as likely
     span = np.arange(begin, end, max(_FINE, (end - begin) / _TIMES))

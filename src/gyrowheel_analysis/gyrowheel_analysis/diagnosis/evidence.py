@@ -1,8 +1,8 @@
 """The evidence of recordings for a change of any quantity at any time, given every other explanation.
 
 A change in the middle of a recording looks like a slow drift that happens to move there. The two are compared by
-marginal likelihood with the size of the drift left free, so that neither passes for the other. What bench parameters
-and effects can explain is no event: all of them are regressors next to it.
+marginal likelihood with the size of the drift left free, so that neither passes for the other. Changes that bench
+parameters and effects can explain are no events: all of these are regressors next to it.
 
 For every place the likelihood needs the products of that event with itself and with the rows, once everything else is
 projected out. These are sums over the products of single windows, which are formed once for each quantity.
@@ -31,7 +31,7 @@ from gyrowheel_analysis.reduction.windows import SAME_SPEED
 
 Array = NDArray[np.float64]
 
-#: Between the likeliest drifts without an event and those as stated: drifts that are tried with an event.
+#: Number of tried drifts between the likeliest without an event and those as stated.
 _DRIFT_STEPS = 5
 #: Median of the differences of two values of unit variance.
 _MEDIAN = 0.6745 * math.sqrt(2.0)
@@ -42,14 +42,8 @@ _SHORT = 1.0  # s; windows of a cone are shorter, those of a hold are not
 class Profiles:
     """The courses of many events of one kind over the windows of a recording.
 
-    Parameters
-    ----------
-    kind : str
-        The kind of the events.
-    edges : ndarray (events, edges of the kind)
-        Edges of every event, as an `Event` takes them.
-    weights : ndarray (events, n)
-        Courses over the windows.
+    `edges` (events, edges of the kind) are those of every event, as an `Event` takes them; `weights` (events, n) are
+    the courses over the windows.
     """
 
     def __init__(self, kind: Kind, edges: ArrayLike, weights: Array) -> None:
@@ -57,7 +51,7 @@ class Profiles:
 
     @functools.cached_property
     def tried(self) -> list[Array]:
-        """All values that each of the edges takes, in order."""
+        """All values of each of the edges, in order."""
         return [np.unique(times) for times in self.edges.T]
 
     def __len__(self) -> int:
@@ -99,14 +93,9 @@ class _Block:
 
 
 class Evidence:
-    """Marginal likelihood of recordings, given everything that bench parameters and effects can explain.
+    """Marginal likelihood of recordings, given all explanations by bench parameters and effects.
 
-    Parameters
-    ----------
-    problem : Problem
-        The problem, with the events that are known already.
-    fit : Fit
-        The fit about which everything is linear.
+    `problem` has the known events; everything is linear about `fit`.
     """
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
@@ -145,16 +134,8 @@ class Evidence:
     ) -> list[Array]:
         """Return the increase of twice the log likelihood by each event, with the drifts that suit it best.
 
-        Parameters
-        ----------
-        quantities : sequence of str
-            What changes at once, one or two quantities.
-        recording : int
-            In which recording.
-        courses : sequence of Profiles
-            The course of the events.
-        lag : float, optional
-            The time in which a torque that follows the tilt relaxes [s].
+        One or two quantities change at once in a recording, with the given courses; `lag` is the relaxation time of a
+        torque that follows the tilt [s].
         """
         units = [self._unit(quantity, recording, lag) for quantity in quantities]
         count = len(self.problem.balances[recording].windows)
@@ -172,16 +153,8 @@ class Evidence:
     def limit(self, quantities: Sequence[str], recording: int, profiles: Profiles, gain: float) -> float:
         """Return the size, over the large one of every quantity, at which an event is expected to bring a gain.
 
-        Parameters
-        ----------
-        quantities : sequence of str
-            What changes, by equally many of its large sizes.
-        recording : int
-            In which recording.
-        profiles : Profiles
-            The first of these events.
-        gain : float
-            In twice the log likelihood.
+        The event is the first of `profiles`, of all quantities by equally many of their large sizes; `gain` is in twice
+        the log likelihood.
         """
         count = len(self.problem.balances[recording].windows)
         units = [self._unit(quantity, recording) for quantity in quantities]
@@ -192,7 +165,7 @@ class Evidence:
         return math.sqrt((gain + float(np.linalg.slogdet(np.eye(len(m)) + known)[1])) / with_one)
 
     def _unit(self, quantity: str, recording: int, lag: float | None = None) -> dict[int, Array]:
-        """Return the rows of a large change of a quantity all the time, by the block; those of zeros are left out."""
+        """Return the rows of a constant large change of a quantity, by block; blocks of zeros are left out."""
         key = quantity, recording, lag
         if key not in self._units:
             what, balance = QUANTITIES[quantity], self.problem.balances[recording]
@@ -207,7 +180,7 @@ class Evidence:
     def _noise_factors(self, left: Array) -> Array:
         """Return the scatter of the rows from window to window over the known noise, in groups of windows.
 
-        A change in the middle moves two neighbours apart, not all of them: it is no scatter.
+        A change in the middle moves only two neighbours apart, and is no scatter.
         """
         result, at = np.ones(len(left)), 0
         for block in self._blocks:
@@ -266,16 +239,10 @@ def _gained(mutual: Sequence[Sequence[Array]], with_rows: Sequence[Array], profi
 
 
 class _Products(NamedTuple):
-    """Products of changes of one unit in the single windows of a block: all that their sizes multiply.
+    """Products of unit changes in the single windows of a block: the factors of all sizes.
 
-    Attributes
-    ----------
-    mutual : ndarray (n, n) or (n,)
-        With each other; the diagonal alone where the rows are independent.
-    with_rows : ndarray (n,)
-        With the rows.
-    with_regressors : ndarray (p, n)
-        With the regressors.
+    `mutual` is with each other (n, n), or the diagonal alone (n,) where the rows are independent; `with_rows` (n,) with
+    the rows; `with_regressors` (p, n) with the regressors.
     """
 
     mutual: Array
@@ -285,7 +252,7 @@ class _Products(NamedTuple):
 
 @dataclass(frozen=True)
 class _State:
-    """Rows whitened for some scales of the drifts, with what the regressors explain of them.
+    """Rows whitened for some scales of the drifts, with their projection on the regressors.
 
     `projection` and `projected_rows` give the products of any two columns beyond the regressors: their scalar product
     minus that of their projections. `mutual` caches `_Products.mutual` of all states, by the number of the block and
@@ -371,13 +338,10 @@ class _State:
         return mutual, with_rows
 
     def _products(self, index: int, block: _Block, here: slice) -> _Products:
-        """Return the products of changes of one unit in the windows of a block."""
+        """Return the products of unit changes in the windows of a block."""
         if index not in self.known:
-            projection, rows, noise_factor = (
-                self.projection[:, here],
-                self.rows[here],
-                self.noise_factor[here],
-            )
+            projection, rows = self.projection[:, here], self.rows[here]
+            noise_factor = self.noise_factor[here]
             if isinstance(block.covariance, _White):
                 weight = 1.0 / (block.covariance.deviation * noise_factor)
                 self.known[index] = _Products(weight**2, weight * rows, projection * weight)

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.criteria import PRECISE, SETTLING_SEPARATION, VARIATION_BETTER, WORTHWHILE
 from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
 from gyrowheel_analysis.diagnosis.selection import threshold
-from gyrowheel_analysis.fitting.fit import Fit, Term
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, Unknowns
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.segmentation import planned_windows
+from gyrowheel_analysis.residuals.error_table import channel_values
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_control.plans.variation import MARK
@@ -41,7 +42,7 @@ SEPARATING_PLANS = (
     "paper_speed",
     "paper_tilt",
 )
-#: Variations of plans that are offered where they separate two terms clearly better than any plan as it is.
+#: Variations of plans that are offered where they separate two terms clearly better than any unvaried plan.
 VARIED_PLANS = tuple(
     f"{plan}{MARK}{setting}"
     for plan in ("check", "cone")
@@ -54,7 +55,7 @@ VARIED_PLANS = tuple(
         "tilt_ratio=1.3",
     )
 )
-_KEPT = 64  # plans, those of two or three benches
+_KEPT = 64  # cached plans, those of two or three benches
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Separation:
 
 
 def _best(found: Sequence[Separation]) -> Separation | None:
-    """Return the one that separates most per minute among those that settle a tie; else the one that separates most."""
+    """Return the best per minute among those that settle a tie; else the strongest."""
     settling = [s for s in found if s.expected >= SETTLING_SEPARATION]
     if settling:
         return max(settling, key=lambda s: s.rate)
@@ -91,7 +92,7 @@ def _best(found: Sequence[Separation]) -> Separation | None:
 
 @dataclass(frozen=True)
 class _Asked:
-    """A plan that is asked for, and all that decides what it would give for a model without effects."""
+    """A requested plan, and all properties that decide its result for a model without effects."""
 
     plan: str
     stated: tuple[object, ...]
@@ -103,7 +104,7 @@ class _Asked:
 
 
 def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
-    """Return the problem that a plan would give with the drifts as they are, and the plan's length in minutes.
+    """Return the problem that a plan would give with the present drifts, and the plan's length in minutes.
 
     It is None where this bench cannot run the plan.
     """
@@ -117,7 +118,7 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
         tuple(unknowns.assumed.items()),
         unknowns,
     )
-    # effects of the model act in the plan as well, and their declarations have no distinguishing name
+    # effects of the model act in the plan as well, and their declarations cannot be compared
     plain = not (unknowns.known or unknowns.declared)
     found = _planned(asked) if plain else _planned.__wrapped__(asked)
     if found is None:
@@ -128,7 +129,7 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
 
 @functools.lru_cache(maxsize=_KEPT)
 def _planned(asked: _Asked) -> tuple[Problem, float] | None:
-    """Return the problem of a plan with the drifts as stated; nearly every diagnosis on a bench asks for the same."""
+    """Return the problem of a plan with the drifts as stated; nearly every diagnosis on a bench needs the same."""
     bench = asked.unknowns.bench
     try:
         plan = plan_for(asked.plan, bench)
@@ -145,15 +146,7 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
 
 
 class Planner:
-    """Predicts what plans would show in addition to the present recordings.
-
-    Parameters
-    ----------
-    problem : Problem
-        The present recordings.
-    fit : Fit
-        The fit to them.
-    """
+    """Predicts the results of plans in addition to the present recordings of `problem`, which `fit` describes."""
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self._problem = problem
@@ -164,15 +157,10 @@ class Planner:
     def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
         """Return the expected excess of `rival` over `truth` with a plan in addition to the present recordings.
 
-        Parameters
-        ----------
-        truth, rival : Fit
-            Two fits to the present recordings. If the first is right, the second is fitted again to everything.
-        plan : str
-            Name of a plan; of the bench's own one where there is one, say ``dtg_cone`` for ``cone``.
+        Both are fits to the present recordings. If the first is right, the second is fitted again to everything. Where
+        the bench has its own version of a plan, say ``dtg_cone`` for ``cone``, that is used.
         """
         own = f"{self._problem.bench.name}_{plan}"
-        # a bench with other speeds has its own plans
         plan = own if own.partition(MARK)[0] in Plan.shipped() else plan
         if plan not in self._planned:
             self._planned[plan] = planned(self._problem, plan)
@@ -191,13 +179,10 @@ class Planner:
         return Separation(plan, max(expected, 0.0), minutes)
 
     def _present(self, truth: Fit, rival: Fit) -> tuple[Array, Array, float]:
-        """Return the difference of two fits by the present recordings and the priors.
+        """Return the difference of two fits by the present recordings and the priors, common to all plans.
 
-        Returns
-        -------
-        ndarray (unknowns, unknowns), ndarray (unknowns,), float
-            Derivatives by the unknowns of `rival` and the difference of the two, both in the space that the former
-            span, and the square of the difference outside of it. They are common to all plans.
+        The derivatives by the unknowns of `rival` (unknowns, unknowns) and the difference (unknowns,), both in the
+        space that the former span, and the square of the difference outside of it.
         """
         if self._seen is not None and self._seen[0] is truth and self._seen[1] is rival:
             return self._seen[2:]
@@ -214,7 +199,7 @@ class Planner:
         return self._seen[2:]
 
     def revealing(self, name: str) -> Separation | None:
-        """Return the plan that would show a registered effect of a middle usual magnitude best per minute."""
+        """Return the plan that would show a registered effect of a middle usual size best per minute."""
         term = self._problem.unknowns.term(name)
         assert term.effect is not None  # the registry holds effects only
         coefficients = {**self._fit.coefficients, name: term.effect.defaults()}
@@ -230,7 +215,7 @@ class Planner:
     def best(self, truth: Fit, rival: Fit) -> Separation | None:
         """Return the plan that separates two fits best per minute among those that settle a tie; else the strongest.
 
-        A variation of a plan is taken where it is clearly better than every plan as it is.
+        A variation of a plan is taken where it is clearly better than every unvaried plan.
         """
         plain, other = (
             _best([s for plan in plans if (s := self.separation(truth, rival, plan)) is not None])
@@ -246,17 +231,7 @@ class Planner:
 
 @dataclass(frozen=True)
 class Limit:
-    """The smallest magnitude of an effect that the recordings could have shown.
-
-    Attributes
-    ----------
-    term : Term
-        The effect.
-    coefficient : str
-        Its coefficient.
-    value : float
-        Magnitude at which it would have been found [unit of the coefficient].
-    """
+    """The smallest `value` of a `coefficient` of an effect at which it would have been found."""
 
     term: Term
     coefficient: str
@@ -283,18 +258,10 @@ def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflatio
 
 @dataclass(frozen=True)
 class PrecisionTest:
-    """A test that would improve the precision of a finding.
+    """A `plan` that would improve the precision of an effect.
 
-    Attributes
-    ----------
-    effect : str
-        The effect.
-    plan : str
-        The test.
-    now, expected : float
-        Relative standard error of its best known amplitude, now and after the test.
-    minutes : float
-        Length of the plan.
+    `now` and `expected` are the relative standard errors of its best known amplitude, now and after the test; `minutes`
+    is the length of the plan.
     """
 
     effect: str
@@ -332,14 +299,10 @@ def precision_test(
 
     Parameters
     ----------
-    recordings : sequence of Recording
-        The recordings that were diagnosed.
-    model : Model
-        The model that was diagnosed.
-    diagnosis : Diagnosis
-        Their diagnosis.
+    recordings, model, diagnosis
+        The recordings, the model, and their diagnosis.
     wanted : float
-        Relative standard error that is good enough.
+        Sufficient relative standard error.
     averages : bool
         Whether to use averages over whole revolutions alone, as the diagnosis did.
     """
@@ -352,14 +315,11 @@ def precision_test(
         progress("finding the test that improves the precision most")
     fit = problem.fit([problem.unknowns.term(name) for name in diagnosis.ties])
     now = _relative(fit, weakest.name, fit.covariance)
-    tests = []
-    for plan in (*SEPARATING_PLANS, *VARIED_PLANS):
-        found = _with_plan(problem, fit, plan)
-        if found is not None:
-            covariance, minutes = found
-            tests.append(
-                PrecisionTest(weakest.name, plan, now, _relative(fit, weakest.name, covariance), minutes)
-            )
+    tests = [
+        PrecisionTest(weakest.name, plan, now, _relative(fit, weakest.name, found[0]), found[1])
+        for plan in (*SEPARATING_PLANS, *VARIED_PLANS)
+        if (found := _with_plan(problem, fit, plan)) is not None
+    ]
     enough = [t for t in tests if t.expected <= wanted]
     if enough:
         return min(enough, key=lambda t: t.minutes)
@@ -393,3 +353,57 @@ def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float6
     scaled = design / size
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(size, size)
     return covariance, minutes
+
+
+@dataclass(frozen=True)
+class Discrimination:
+    """Separation of two explanations by one channel.
+
+    `part` is the channel (`channels.CHANNELS`), `title` its description, and `delta_chi2` the excess of chi-squared of
+    the second explanation over the first there.
+    """
+
+    part: str
+    title: str
+    delta_chi2: float
+
+
+@one_thread()
+def discriminating_channels(
+    recordings: Sequence[Recording], model: Model, name: str, rival: str
+) -> list[Discrimination]:
+    """Return the separation of an effect from another by each channel, the most separating channel first.
+
+    Of the effects or errors of bench parameters, `name` explains the recordings and `rival` does not; `model` is
+    without them.
+    """
+    problem = prepare(recordings, model).problem
+    # a rival that may move the very parameter would explain the rows by it, at the price of its stated uncertainty
+    others = _with_known(problem, ERRORS.get(name, ()))
+    best, worse = problem.fit([problem.unknowns.term(name)]), others.fit([others.unknowns.term(rival)])
+    found = [
+        Discrimination(part, kind.measured, _chi2(problem, worse, part) - _chi2(problem, best, part))
+        for part, kind in CHANNELS.items()
+        if all(row in b.rows for row in kind.rows for b in problem.balances)
+    ]
+    return sorted(found, key=lambda t: -t.delta_chi2)
+
+
+def _with_known(problem: Problem, groups: Sequence[str]) -> Problem:
+    """Return a problem in which some groups of bench parameters are known to be as stated."""
+    if not groups:
+        return problem
+    known = {
+        p.name: replace(p, uncertainty=1.0e-3 * p.uncertainty)
+        for group, parameters in problem.unknowns.nuisances
+        if group in groups
+        for p in parameters
+    }
+    bench = replace(problem.bench, parameters={**problem.bench.parameters, **known})
+    return Problem.of(problem.balances, problem.unknowns.on_bench(bench)).with_noise(problem.noise)
+
+
+def _chi2(problem: Problem, fit: Fit, part: str) -> float:
+    white = problem.noise.whiten(fit.residual)
+    own = [channel_values(problem.balances, white, row) for row in CHANNELS[part].rows]
+    return float(np.sum(np.square(own)))

@@ -9,9 +9,8 @@ import numpy as np
 
 from gyrowheel_analysis.criteria import FAR_FROM_STATED, FAR_FROM_USUAL, FAR_RELATIVE_ERROR, MARGIN
 from gyrowheel_analysis.diagnosis.result import Beyond
-from gyrowheel_analysis.fitting.fit import Fit, Term
+from gyrowheel_analysis.fitting.fit import Fit, Term, Unknowns
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.parameter import physical_range
 
@@ -19,9 +18,9 @@ _AT_BOUND = 1.0e-6  # of the width of the range that a fit searches
 
 
 def is_possible(fit: Fit, term: Term) -> bool:
-    """Whether the coefficients of a term in a fit are possible: within what physics and its declaration allow.
+    """Whether the coefficients of a term in a fit are possible: within physics and the declaration of the term.
 
-    A coefficient at the end of the range that the fit searches is not possible: it would go farther.
+    A coefficient at the end of the searched range is not possible, as it would go farther.
     """
     if term.effect is None:
         low, high = Unknowns.bounds(term, "relative_error")
@@ -53,16 +52,9 @@ def _size(fit: Fit, term: Term) -> tuple[float, float]:
 
 
 def beyond(problem: Problem, fit: Fit, terms: Sequence[Term]) -> list[Beyond]:
-    """Return the values of a fit that are impossible or far from usual, the gravest first.
+    """Return impossible or unusual values of a fit, including the coefficients of some terms, the gravest first.
 
-    Parameters
-    ----------
-    problem : Problem
-        The fitted problem.
-    fit : Fit
-        The fit.
-    terms : sequence of Term
-        The findings in it. Free forms have no usual size.
+    The terms must not be free forms, which have no usual size.
     """
     found = _parameters(problem, fit)
     for term in terms:
@@ -81,7 +73,7 @@ def unusual(fit: Fit, term: Term) -> list[Beyond]:
             return []
         return [Beyond("unusual", term.name, "relative_error", value, limit, "1", value / limit)]
     if term.name not in registry():
-        return []  # what a user calls usual need not be measured
+        return []  # a user's usual size need not be measured
     result = []
     for c in term.effect.amplitudes:
         value = fit.coefficients[term.name][c.name]

@@ -1,7 +1,7 @@
-"""Proof: whether a fit predicts what it has not seen, within the noise and what the fit leaves uncertain.
+"""Proof: whether a fit predicts unseen data, within the noise and the remaining uncertainty of the fit.
 
-What it has not seen are recordings for validation, or else parts of the fitted recordings that are left out in turn.
-Predictions are linear about the fit. Their uncertainty is the covariance of the fit, carried to the rows.
+Unseen data are recordings for validation, or else parts of the fitted recordings that are left out in turn. Predictions
+are linear about the fit. Their uncertainty is the covariance of the fit, propagated to the rows.
 """
 
 from __future__ import annotations
@@ -51,18 +51,10 @@ def _deviation(degrees: float) -> float:
 def prove(
     prepared: Prepared, null: Fit, best: Fit, table: ErrorTable, happened: Sequence[Event] = ()
 ) -> Proof:
-    """Return whether a fit predicts what it has not seen.
+    """Return whether a fit predicts unseen data.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        Recordings, and those for validation if there are any.
-    null, best : Fit
-        The fits without and with the findings, both at their minimum.
-    table : ErrorTable
-        The errors of both.
-    happened : sequence of Event
-        Events in the recordings for validation.
+    `null` and `best` are the fits without and with the findings, both at their minimum, and `table` has the errors of
+    both. `happened` are events in the recordings for validation.
     """
     if prepared.validation is not None:
         return _validated(prepared, best, table, happened)
@@ -174,7 +166,7 @@ def _unfixed(problem: Problem, best: Fit, seen: _Prediction) -> tuple[str, ...]:
     """Return the unknowns whose uncertainty accounts for a misfit: the fewest that do."""
     shift = seen.covariance @ (seen.slopes.T @ seen.solved(seen.white))
     deviation = np.sqrt(np.maximum(np.diag(seen.covariance), 1e-300))
-    # what each unknown moves on the rows once the validation is fitted too
+    # the shift of the rows by each unknown once the validation is fitted too
     moved = np.linalg.norm(seen.slopes * shift, axis=0)
     moved[np.abs(shift) < 0.5 * deviation] = 0.0
     order = np.argsort(-moved)
@@ -221,7 +213,7 @@ def _there(problem: Problem, best: Fit, k: int, step: float) -> tuple[float | No
 
 
 def _resembling(problem: Problem, other: Problem, best: Fit, seen: _Prediction) -> tuple[Term | None, float]:
-    """Return the term that fit and validation together look like most, and the share of their misfit it accounts for.
+    """Return the term that fit and validation together resemble most, and the share of their misfit it accounts for.
 
     A missing effect has biased the parameters of the fit, so that the validation alone does not identify it.
     """
@@ -260,10 +252,9 @@ def _resembling(problem: Problem, other: Problem, best: Fit, seen: _Prediction) 
 
 
 class _Predicted(NamedTuple):
-    """Rows that were predicted.
+    """Predicted rows: residuals, the same whitened by the noise, and their standard deviations and chi-squared.
 
-    Residuals, the same whitened by the noise, their standard deviations by noise and prediction, and chi-squared by
-    both.
+    The latter two include the uncertainty of the prediction.
     """
 
     rows: Array
@@ -307,11 +298,9 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
 
 def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
     """Return the parts that can be left out in turn, as masks over all rows; each kind covers all of them."""
-    found: dict[Left, list[NDArray[np.bool_]]] = {}
     own = groups(problem)
     kinds: tuple[Left, ...] = ("recording", "speed", "azimuth")
-    for kind in kinds:
-        found[kind] = own[kind]
+    found = {kind: own[kind] for kind in kinds}
     times, at = [], 0.0
     for balance in problem.balances:
         middle = balance.windows.middle

@@ -1,6 +1,7 @@
 """The facts of a diagnosis: verdict, findings with evidence and ties, events, proof, limits, the next test.
 
-Every result of this folder that leaves it is declared here; no procedure is imported, so that anything may import it.
+All results of this folder for other folders are declared here; no procedure is imported, so that any module may
+import it.
 """
 
 from __future__ import annotations
@@ -8,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
-from gyrowheel_analysis.reduction.coverage import Coverage
+from gyrowheel_analysis.reduction.windows import Coverage
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.fitting.events import Kind
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
     from gyrowheel_analysis.residuals.growth import Growth
-    from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_analysis.residuals.maps import Region
     from gyrowheel_recording.mislabelled.fixes import WrongSetup
 
 Left = Literal["", "recording", "speed", "azimuth", "time"]
@@ -34,7 +35,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class TieReport:
-    """A term that explains the recordings as well, and the test that would separate the two.
+    """A term that explains the recordings equally well, and the test that would separate the two.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class TieReport:
     in_model : bool
         Whether the model has the effect already, with another size.
     unusual : bool
-        Whether it would have to be far beyond its usual size.
+        Whether it would need far more than its usual size.
     """
 
     name: str
@@ -66,7 +67,7 @@ class TieReport:
 
 @dataclass(frozen=True)
 class RivalReport:
-    """A term in the place of the one found, and by how much it is worse."""
+    """A term in the place of the one found, and the excess of its chi-squared."""
 
     name: str
     delta_chi2: float
@@ -74,7 +75,7 @@ class RivalReport:
 
 @dataclass(frozen=True)
 class EffectFinding:
-    """An effect that the recordings ask for.
+    """An effect that the recordings need.
 
     Attributes
     ----------
@@ -89,13 +90,13 @@ class EffectFinding:
     formula : str
         Its law.
     growth : tuple of Growth
-        The laws that the residual follows once everything but the effect is accounted for.
+        The laws of the residual once everything but the effect is accounted for.
     rivals : tuple of RivalReport
         Other terms in its place that explain something, but less.
     ties : tuple of TieReport
-        Terms that explain the recordings as well.
+        Terms that explain the recordings equally well.
     in_model : dict of str to Estimate, or None
-        The coefficients with which the model has it already; None where it is missing.
+        The coefficients that the model already has; None where the effect is missing.
     """
 
     name: str
@@ -112,7 +113,7 @@ class EffectFinding:
 
 @dataclass(frozen=True)
 class InstrumentFinding:
-    """An instrument that is not as the bench states it.
+    """A deviation of an instrument from the bench file.
 
     Attributes
     ----------
@@ -131,7 +132,7 @@ class InstrumentFinding:
     delta_chi2 : float
         Increase of chi-squared without it, all else fitted again.
     ties : tuple of TieReport
-        Instruments or effects that explain the recordings as well.
+        Instruments or effects that explain the recordings equally well.
     title, sentence : str
         Title and physics as declared.
     """
@@ -150,19 +151,19 @@ class InstrumentFinding:
 
     @property
     def deviation(self) -> float:
-        """By how much it is off [`unit`]."""
+        """Difference from the stated value [`unit`]."""
         return self.value - self.stated
 
 
 @dataclass(frozen=True)
 class FreeForm:
-    """A formula that describes what no declared effect does.
+    """A formula for a residual that no declared effect describes.
 
     `formula` has law and coefficients in one line, as ``gyrowheel model add --formula`` takes it; `declaration` goes
-    into a model file as it is, under `name`. Both begin from the exponents and edges that were found. `places` has what
-    is a share of a reference among `coefficients` as tilts [rad] and spin rates [rad/s]: edges, centres and widths.
-    `simple` is the same law with whole exponents, where those that were found are whole within their errors (`whole`);
-    it can be added in its place.
+    into a model file, under `name`. Both begin from the exponents and edges that were found. `places` has those
+    `coefficients` that are shares of a reference as tilts [rad] and spin rates [rad/s]: edges, centres and widths.
+    `simple` is the same law with whole exponents, where those found are whole within their errors (`whole`); it can be
+    added instead.
     """
 
     formula: str
@@ -191,7 +192,7 @@ class NextTest:
     separates : tuple of str, or None
         The two terms that it separates.
     reveals : str or None
-        The effect that it would show at its usual size, which the recordings at hand cannot.
+        The effect that it would show at its usual size, unlike the recordings at hand.
     """
 
     plan: str
@@ -236,18 +237,18 @@ class DetectionLimit:
 
 @dataclass(frozen=True)
 class Beyond:
-    """A value beyond what is possible, or far beyond what is usual.
+    """An impossible value, or one far from usual.
 
     Attributes
     ----------
     kind : str
-        ``impossible``: a bench parameter where physics has none. ``unusual``: an effect, or the error of a parameter,
-        many times as large as is usual. ``not_as_stated``: an estimated bench parameter, many of its stated
+        ``impossible``: a bench parameter outside its physical range. ``unusual``: an effect, or the error of a
+        parameter, many times its usual size. ``not_as_stated``: an estimated bench parameter, many of its stated
         uncertainties away.
     name, coefficient : str
         The effect, error or bench parameter; of an effect its coefficient.
     value, limit : float
-        As fitted, and what it is beyond [`unit`].
+        The fitted value, and the limit that it exceeds [`unit`].
     unit : str
         Their unit.
     times : float
@@ -265,32 +266,32 @@ class Beyond:
 
 @dataclass(frozen=True)
 class Proof:
-    """Whether a fit predicts what was not fitted.
+    """Whether a fit predicts data that were not fitted.
 
     Attributes
     ----------
     recording : str
         Predicted recordings: those for validation, or those of which parts were left out.
     proven : bool or None
-        None where nothing could be tried.
+        None where no prediction could be tried.
     reason : str
-        ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because
-        `causes` are not fixed by what was fitted. ``event``: within it but for what happened there. ``differs``: the
-        unknown in `causes` would need another value there. ``resembles``: fit and prediction together look like the
-        term in `causes`. ``misfit``: none of these. ``no_gain``: the prediction without the findings is as good.
-        ``not_tried``: there is nothing that could be left out.
+        ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because the fit
+        does not determine `causes`. ``event``: within it except for an event there. ``differs``: the unknown in
+        `causes` would need another value there. ``resembles``: fit and prediction together look like the term in
+        `causes`. ``misfit``: none of these. ``no_gain``: the prediction without the findings is as good.
+        ``not_tried``: no part could be left out.
     left_out : str
         Kind of the parts left out in turn: ``recording``, ``speed``, ``azimuth``, ``time``; empty for a validation.
     parts : int
-        In how many parts.
+        Number of parts.
     causes : tuple of str
         See `reason`.
     value, fitted : float or None
-        For ``differs``: what the bench parameter would have to be there, and what it is in the fit [`unit`].
+        For ``differs``: the value of the unknown that the prediction needs, and that of the fit [`unit`].
     unit : str
         Their unit.
     chi2_per_n, allowed : float
-        Of the prediction, and what noise and uncertainty of the prediction allow.
+        Of the prediction, and its limit by noise and uncertainty of the prediction.
     channel : str
         Channel in which the error falls most, or is largest where nothing was found.
     before, after, noise : float
@@ -317,16 +318,16 @@ class Proof:
 
 @dataclass(frozen=True)
 class DatedEvent:
-    """Something that changed in the middle of a recording.
+    """A change in the middle of a recording.
 
     Attributes
     ----------
     recording : str
-        In which recording.
+        The recording.
     time, time_error : float
-        When it began, from the start of that recording, and the standard error [s].
+        Its start, from the start of that recording, and the standard error [s].
     end, end_error : float or None
-        When it ended (a burst) or reached its size (a trend), and the standard error [s]; None for a step.
+        End of a burst or a trend, and the standard error [s]; None for a step.
     kind : str
         ``step``, ``trend`` or ``burst``.
     channel : str
@@ -338,7 +339,7 @@ class DatedEvent:
     gain : float
         Increase of twice the log likelihood of the recordings.
     ties : tuple of str
-        Other quantities whose change explains the recordings as well.
+        Other quantities whose change explains the recordings equally well.
     """
 
     recording: str
@@ -362,19 +363,19 @@ class DriftShape:
     Attributes
     ----------
     recording : str
-        In which recording.
+        The recording.
     kind : str
-        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``: it follows that; ``after_tilt``:
+        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``, which it follows; ``after_tilt``:
         it relaxes after every move of the tilt.
     channel : str
         The drifting quantity, one of `fitting.events.QUANTITIES`.
     size, standard_error : float
-        Amplitude of the swing; change from the coldest to the warmest window; what a tilt of the reference size brings
+        Amplitude of the swing; change from the coldest to the warmest window; effect of a tilt of the reference size
         just after the move, in `unit`.
     unit : str
         Unit of the size.
     time, time_error : float
-        Period of the swing, or time in which it relaxes, and the standard error [s]; 0 for a temperature.
+        Period of the swing, or relaxation time, and the standard error [s]; 0 for a temperature.
     temperature_change : float
         From the coldest to the warmest window [K]; 0 for other shapes.
     gain : float
@@ -410,9 +411,9 @@ class Diagnosis:
     effects : tuple of EffectFinding
         The missing physical effects, strongest first.
     instruments : tuple of InstrumentFinding
-        Instruments that are not as the bench states them, strongest first.
+        Deviations of instruments from the bench file, strongest first.
     free_form : tuple of FreeForm
-        For ``unknown``: formulas for what no known effect explains.
+        For ``unknown``: formulas for the residual that no known effect explains.
     error : ErrorTable or None
         The error before and after adding the findings; None for ``insufficient_data``.
     where : tuple of Region
@@ -430,13 +431,13 @@ class Diagnosis:
         Deviations of the instruments that the samples show: hum, steps, jitter, rate of the clock. They cause no
         torque and change no verdict.
     hum_unknown : tuple of (str, str)
-        Recordings in which hum at the stated mains frequency cannot be measured, and why (`reduction.hum.untold`).
+        Recordings in which hum at the stated mains frequency cannot be measured, and why (`hum.unobservable`).
     setup : tuple of WrongSetup
-        Columns that cannot be what they are called; the verdict is then ``insufficient_data`` and nothing is diagnosed.
+        Columns that cannot have their labelled quantity; the verdict is then ``insufficient_data`` without a diagnosis.
     proof : Proof or None
-        Whether the findings predict what was not fitted; None for ``insufficient_data``.
+        Whether the findings predict data that were not fitted; None for ``insufficient_data``.
     beyond : tuple of Beyond
-        Values beyond what is possible or far beyond what is usual, the gravest first.
+        Impossible or unusual values, the gravest first.
     lack_of_fit : float
         Excess of chi-squared of the fit over its expectation, in standard deviations.
     nuisance : dict of str to NuisanceEstimate

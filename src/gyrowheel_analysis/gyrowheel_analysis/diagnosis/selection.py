@@ -25,7 +25,7 @@ from gyrowheel_analysis.reduction.windows import direction_groups, masks, speed_
 
 Array = NDArray[np.float64]
 
-_MOST_TERMS = 4  # besides instruments
+_MOST_TERMS = 4  # without instruments
 _MOST_INSTRUMENTS = 5
 _MOST_SEARCHES = 6  # after which terms that fail are only removed
 _SHORTLIST = 5
@@ -35,7 +35,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tie:
-    """A term that explains the rows nearly as well as the one chosen."""
+    """A term that explains the rows nearly as well as the chosen one."""
 
     term: Term
     delta_chi2: float
@@ -46,18 +46,8 @@ class Tie:
 class Finding:
     """A term that is missing in the model by the evidence of the recording.
 
-    Attributes
-    ----------
-    term : Term
-        The term.
-    delta_chi2 : float
-        Increase of chi-squared without it, everything else fitted again.
-    ties : tuple of Tie
-        Terms that explain the rows as well.
-    rivals : tuple of Tie
-        The next best terms.
-    without : Fit
-        The fit without it.
+    `delta_chi2` is the increase of chi-squared without it, everything else fitted again (`without`); `ties` are terms
+    that explain the rows equally well, `rivals` the next best.
     """
 
     term: Term
@@ -103,8 +93,8 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     against none (elimination). When no further term reaches the threshold, each term must pass cross-validation: with
     it, the prediction of a speed, a tilt direction or a recording that was left out must not become worse.
     (Cross-validation comes last: earlier it would judge a term by others that are still missing.) In the final fit
-    each term must still reach the threshold, by the noise that this fit leaves, and have coefficients that are
-    possible. A term that fails is removed, and the search continues without it.
+    each term must still reach the threshold, by the noise of this fit, and have possible coefficients. A term that
+    fails is removed, and the search continues without it.
     """
     say = progress or (lambda text: None)
     pool = problem.unknowns.candidates()
@@ -130,18 +120,10 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
 def unsupported(
     problem: Problem, fit: Fit, inflation: float, among: Sequence[Term] | None = None
 ) -> Term | None:
-    """Return the term of a fit that it can do without most easily, or that is not possible; None if each is needed.
+    """Return the most dispensable or an impossible one of the terms of a fit; None if each is needed.
 
-    Parameters
-    ----------
-    problem : Problem
-        The fitted problem, with the final noise.
-    fit : Fit
-        The fit.
-    inflation : float
-        Chi-squared over its expectation, by which the threshold grows.
-    among : sequence of Term, optional
-        The terms that are judged; all of them by default.
+    `problem` has the final noise; `inflation` is chi-squared over its expectation, by which the threshold grows. Only
+    the terms `among` those of the fit are judged, by default all.
     """
     weakest, least = None, 0.0
     for term in fit.terms if among is None else among:
@@ -166,7 +148,7 @@ def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, 
         if not tried:
             break
         fit, term = min(tried, key=lambda pair: pair[0].chi2 + threshold(pair[1], 0.0))
-        # the noise is judged with the term: what the term explains is not noise
+        # the noise is judged with the term: the part that it explains is not noise
         inflation = fit.chi2_rows / dof
         if current.chi2 - fit.chi2 < threshold(term, inflation):
             break
@@ -183,7 +165,7 @@ def _further(current: Fit, pool: Sequence[Term]) -> list[Term]:
 
 
 def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
-    """Return the weakest effect that worsens the prediction of what was left out; None if each improves it."""
+    """Return the weakest effect that worsens a prediction of data left out; None if each improves it."""
     failing = []
     for term in fit.terms:
         if term.effect is not None:
@@ -197,7 +179,7 @@ def implausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> Term 
     """Return a term of a fit that is no explanation; None if each improves it.
 
     The error of a bench parameter must be more than `limit` stated uncertainties. The coefficients of an effect must be
-    possible: one of one sign (it can only brake, push back or heat) that is clearly negative makes up for another one
+    possible: one of one sign (it can only brake, push back or heat) that is clearly negative compensates for another
     that is not in the fit.
     """
     for term in fit.terms:
@@ -210,12 +192,8 @@ def implausible(problem: Problem, fit: Fit, limit: float = ERROR_LIMIT) -> Term 
 
 def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
     """Return how many stated uncertainties a parameter lies from its stated value, less twice its standard error."""
-    stated = max(
-        p.relative_uncertainty
-        for group, ps in problem.unknowns.nuisances
-        if group in ERRORS[term.name]
-        for p in ps
-    )
+    own = ERRORS[term.name]
+    stated = max(p.relative_uncertainty for g, ps in problem.unknowns.nuisances if g in own for p in ps)
     value = abs(fit.coefficients[term.name]["relative_error"])
     return (value - 2.0 * fit.standard_error(term.name, "relative_error")) / stated
 
@@ -325,16 +303,8 @@ def inverse_of(normal: Array) -> Array:
 class LeftOut(NamedTuple):
     """A part of the rows as predicted from the rest.
 
-    Attributes
-    ----------
-    residual : ndarray (n,)
-        Whitened residual of the part.
-    shift : ndarray (p,)
-        Change of the unknowns without the part.
-    covariance : ndarray (p, p)
-        Covariance of the unknowns without the part.
-    chi2 : float
-        Chi-squared of the part by its noise and the uncertainty of the prediction.
+    `residual` (n,) is the whitened residual of the part; `shift` (p,) and `covariance` (p, p) are those of the unknowns
+    without it; `chi2` is that of the part by its noise and the uncertainty of the prediction.
     """
 
     residual: Array
@@ -344,16 +314,10 @@ class LeftOut(NamedTuple):
 
 
 def left_out(design: Array, residual: Array, inverse: Array, mask: NDArray[np.bool_]) -> LeftOut:
-    """Return a part of the rows as predicted from the rest, linear about the fit to all rows.
+    """Return the part `mask` (N,) of the rows as predicted from the rest, linear about the fit to all rows.
 
-    Parameters
-    ----------
-    design, residual : ndarray (N, p), ndarray (N,)
-        Whitened Jacobian and residual of the fit, whose pulls balance its gradient.
-    inverse : ndarray (p,)
-        Inverse prior deviations of the unknowns.
-    mask : ndarray (N,)
-        Rows of the part.
+    `design` (N, p) and `residual` (N,) are the whitened Jacobian and residual of the fit, whose pulls balance its
+    gradient; `inverse` (p,) are the inverse prior deviations of the unknowns.
     """
     part, rest = design[mask], design[~mask]
     kept = rest.T @ rest + np.diag(inverse**2)
@@ -369,14 +333,13 @@ def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term:
     """Whether the prediction of a speed, a tilt direction or a recording that was left out is no worse with a term.
 
     The prediction is judged by its own uncertainty (the predictive density of the part given the rest). A part is
-    skipped where the rest does not determine the term's coefficients, for there is then nothing to validate. The same
-    holds where bench parameters far from their stated values explain the rows as well as the term does.
+    skipped where the rest does not determine the term's coefficients, and all are where bench parameters far from their
+    stated values explain the rows as well as the term does: then there is nothing to validate.
     """
     if without.chi2_rows - with_.chi2_rows < 0.5 * (without.chi2 - with_.chi2):
         return True
     white = problem.noise.whiten
-    inverse_without, _ = problem.unknowns.prior(without.terms)
-    inverse_with, _ = problem.unknowns.prior(with_.terms)
+    inverse_without, inverse_with = (problem.unknowns.prior(fit.terms)[0] for fit in (without, with_))
     amplitudes = [
         problem.count + i
         for i, (name, key) in enumerate(with_.columns)

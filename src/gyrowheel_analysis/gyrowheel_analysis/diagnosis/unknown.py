@@ -1,8 +1,8 @@
 """Free forms: formulas for an effect that no declaration describes.
 
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps at one
-speed, dead zones in the tilt, and torques that decay with time. It answers two questions: is there an effect that the
-registered ones do not describe, and which formula describes it.
+speed, dead zones in the tilt, and torques that decay with time. It answers two questions: whether there is an effect
+that the registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ Array = NDArray[np.float64]
 
 #: Linear gain in chi-squared from which a form is fitted.
 _PROMISING = 6.0
-#: Part of the missing gain that exponents and edges may bring, which the linear gain does not include.
+#: Part of the missing gain that exponents and edges may add to the linear gain.
 _BY_SHAPE = 0.5
-#: Square of a drift's scale from which on the drift may conceal what is missing.
+#: Square of a drift's scale from which on the drift may conceal a missing effect.
 _COVERING = 2.0
 _TRIED = 8
 _TRIED_OF_A_KIND = 2
@@ -67,17 +67,7 @@ _size = sp.sqrt(z * sp.conjugate(z)) / z_ref
 
 @dataclass(frozen=True)
 class Proposal:
-    """A free form that describes what the library does not.
-
-    Attributes
-    ----------
-    term : Term
-        The form.
-    fit : Fit
-        The fit with it.
-    gain : float
-        Gain in minus twice the log likelihood of the recordings.
-    """
+    """A free form `term` for the unexplained part, the `fit` with it, and its gain in twice the log likelihood."""
 
     term: Term
     fit: Fit
@@ -89,7 +79,7 @@ class Proposal:
         return tuple(t for t in self.fit.terms if t != self.term)
 
 
-#: Usual sizes of a free form: on rotor and shaft, and where it is in proportion to the tilt rate.
+#: Usual sizes of a free form: on rotor and shaft, and in proportion to the tilt rate.
 _SIZES = {"rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4)}
 _SIZE = (5.0e-5, 1.0e-3)
 
@@ -121,30 +111,15 @@ def _form(
     return Term(name, effect)
 
 
-def _shape(name: str, value: float, spread: float, description: str, most: float = 3.0) -> Coefficient:
-    return Coefficient(
-        name,
-        "1",
-        description,
-        (value - spread, value + spread),
-        (0.01, most),
-        "fitted",
-        shape=value,
-        shape_uncertainty=spread,
-    )
+def _shape(
+    name: str, value: float, spread: float, description: str, bounds: tuple[float, float] = (0.01, 3.0)
+) -> Coefficient:
+    usual = (value - spread, value + spread)
+    return Coefficient(name, "1", description, usual, bounds, "fitted", shape=value, shape_uncertainty=spread)
 
 
 def _exponent(name: str, value: float, of: str) -> Coefficient:
-    return Coefficient(
-        name,
-        "1",
-        f"{_IS_EXPONENT}{of}",
-        (value - _EXPONENT, value + _EXPONENT),
-        (0.0, 8.0),
-        "fitted",
-        shape=value,
-        shape_uncertainty=_EXPONENT,
-    )
+    return _shape(name, value, _EXPONENT, f"{_IS_EXPONENT}{of}", (0.0, 8.0))
 
 
 _OF_SPEED, _OF_TILT = ("spin_rate_reference", "rad/s"), ("tilt_reference", "rad")
@@ -230,9 +205,9 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
     Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
-    drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected
-    effects or replace one or all of them. A single form that replaces several effects needs a smaller gain, and only
-    about the same likelihood where these effects cancel each other.
+    drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected effects or
+    replace one or all of them. A single form that replaces several effects needs a smaller gain, and only about the
+    same likelihood where these effects cancel each other.
     """
     if progress:
         progress("comparing with forms that no declared effect has")
@@ -277,8 +252,8 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
 def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
     """Whether the linear gain in chi-squared of a form added to `start` rules it out without a fit.
 
-    Fitting its exponents and edges can still bring a part of what `start` lacks compared with the best fit. Where a
-    drift was enlarged this bound does not hold: what the drift conceals counts more once the form explains it.
+    Fitting its exponents and edges can still bring a part of the excess of `start` over the best fit. Where a drift was
+    enlarged this bound does not hold: the concealed part counts more once the form explains it.
     """
     if not _worth(problem, gain):
         return True
@@ -317,14 +292,8 @@ def kind_of(name: str) -> str:
 def as_found(proposal: Proposal, taken: Container[str] = ()) -> Effect:
     """Return the effect of a proposal about the exponents and edges that were found, named after its kind.
 
-    Their uncertainties stay those of the family: a fit to the same recording must not count it twice.
-
-    Parameters
-    ----------
-    proposal : Proposal
-        The free form and its fit.
-    taken : container of str
-        Names that are in use; the form keeps its number where that of its kind is among them.
+    Their uncertainties stay those of the family: a fit to the same recording must not count it twice. Where the name of
+    the kind is `taken`, the form keeps its number.
     """
     effect = proposal.term.effect
     assert effect is not None  # every free form is an effect
@@ -332,7 +301,7 @@ def as_found(proposal: Proposal, taken: Container[str] = ()) -> Effect:
     coefficients = []
     for c in effect.coefficients:
         if c.shape is not None:
-            value = float(f"{found[c.name]:.6g}")  # as a line of text holds it
+            value = float(f"{found[c.name]:.6g}")  # as in a line of text
             c = replace(c, shape=value, usual=(value - c.shape_uncertainty, value + c.shape_uncertainty))
         coefficients.append(c)
     kind = kind_of(effect.name)
@@ -340,32 +309,26 @@ def as_found(proposal: Proposal, taken: Container[str] = ()) -> Effect:
 
 
 def whole_exponents(effect: Effect, found: Mapping[str, tuple[float, float]]) -> dict[str, int]:
-    """Return the exponents of a form as whole numbers, where every one is known well and is one within its error.
+    """Return the exponents of a form as whole numbers, where every one is known well and whole within its error.
 
-    Parameters
-    ----------
-    effect : Effect
-        The form.
-    found : mapping
-        Value and standard error of its coefficients.
+    `found` has the value and standard error of its coefficients.
     """
     whole = {}
     for c in effect.coefficients:
         if c.description.startswith(_IS_EXPONENT):
             value, error = found[c.name]
             number = round(value)
-            if not error < EXPONENT_KNOWN or abs(value - number) > max(
-                EXPONENT_WITHIN * error, EXPONENT_CLOSE
-            ):
+            off = abs(value - number)
+            if not error < EXPONENT_KNOWN or off > max(EXPONENT_WITHIN * error, EXPONENT_CLOSE):
                 return {}
             whole[c.name] = number
     return whole
 
 
 def with_exponents(effect: Effect, whole: Mapping[str, int]) -> Effect:
-    """Return a form as the simple law that it is with these exponents."""
+    """Return a form as the simple law with these exponents."""
     values = {sp.Symbol(name, real=True): sp.Integer(number) for name, number in whole.items()}
-    # a whole power of the tilt from the first on is finite where the tilt vanishes, without help
+    # a whole power of the tilt from the first on is finite where the tilt vanishes, without the tiny constant
     without = {_TINY: sp.Integer(0)} if whole.get(_k.name, 1) > 0 else {}
     laws = tuple(replace(law, expression=law.expression.subs(values).subs(without)) for law in effect.laws)
     return replace(
@@ -374,7 +337,7 @@ def with_exponents(effect: Effect, whole: Mapping[str, int]) -> Effect:
 
 
 def places(term: Term, bench: Bench) -> dict[str, tuple[float, str]]:
-    """Return the size and unit of 1 for edges, centres and widths of a free form: they are shares of a reference."""
+    """Return the unit, by size and name, of edges, centres and widths of a free form, shares of a reference."""
     names = _PLACES.get(kind_of(term.name), {})
     return {name: (bench.value(reference), unit) for name, (reference, unit) in names.items()}
 

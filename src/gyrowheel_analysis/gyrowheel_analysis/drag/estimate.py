@@ -30,7 +30,7 @@ _TILT, _DC, _ACTUATION, _CURRENT = slice(0, 2), slice(2, 5), slice(2, 6), 5
 _NOTCH_SETTLING = 0.15  # s
 _UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
 _SHARE = 0.1  # of a hold's length that is new in the next estimate
-_BATCH, _FEWEST = 0.1, 4  # s, and how many of them show the noise of a mean
+_BATCH, _FEWEST = 0.1, 4  # s, and the number of them from which the noise of a mean is estimated
 _UPRIGHT = 0.05 * DEG  # a hold tilted less is at zero tilt
 _NOISY = ("coil_voltage", "coil_voltage", "motor_voltage", "motor_current")
 _CONSTANTS = ("coil_constant", "coil_constant", "motor_constant")
@@ -68,8 +68,8 @@ class Estimate:
         Whether the model has learned both constants, of coils and motor, from recordings; else the bench's stated
         constants are used, with their stated uncertainty.
     measured_torque : ndarray (3,)
-        Torque by voltages of coils, current of motor and the constants of the model, without what the model predicts of
-        errors of actuators and readings [N m].
+        Torque by voltages of coils, current of motor and the constants of the model, without the predicted errors of
+        actuators and readings [N m].
     measured_torque_std : ndarray (3,)
         Its standard error from the noise of the readings [N m].
     constants_std : ndarray (3,)
@@ -119,14 +119,18 @@ class Estimate:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Estimate:
-        """Read a serialized DragEstimate message; raise ValueError for any other content."""
+        """Read a serialized DragEstimate message.
+
+        Raises
+        ------
+        ValueError
+            For any other content.
+        """
         stamp, *values = wire.DRAG_ESTIMATE.unpack(data)
         rest = iter(values)
         content: dict[str, Any] = {
-            name: np.array([next(rest) for _ in range(3)])
-            if wire.DRAG_ESTIMATE.declaration[name].endswith("[3]")
-            else next(rest)
-            for name in wire.DRAG_ESTIMATE.names
+            name: np.array([next(rest) for _ in range(3)]) if kind.endswith("[3]") else next(rest)
+            for name, kind in ((n, wire.DRAG_ESTIMATE.declaration[n]) for n in wire.DRAG_ESTIMATE.names)
         }
         return cls(stamp, **content)
 
@@ -154,16 +158,14 @@ class _Setpoint(NamedTuple):
 
 
 class _Batches:
-    """Sums of filtered readings over batches of samples: how far they scatter, and none of them is kept."""
+    """Sums of filtered readings over batches of samples, for their scatter; no sample is kept."""
 
     def __init__(self, size: int) -> None:
         self._size = size  # samples in a batch
-        self._sum, self._filled = np.zeros(len(COLUMNS)), 0  # of the batch that is not complete
-        self._count = 0  # complete ones
-        self._mean, self._squares = (
-            np.zeros(len(COLUMNS)),
-            np.zeros(len(COLUMNS)),
-        )  # of them, and about their mean
+        self._sum, self._filled = np.zeros(len(COLUMNS)), 0  # of the incomplete batch
+        self._count = 0  # of the complete ones
+        # of them, about their mean
+        self._mean, self._squares = np.zeros(len(COLUMNS)), np.zeros(len(COLUMNS))
 
     def add(self, filtered: Array) -> None:
         """Take samples."""
@@ -184,9 +186,7 @@ class _Batches:
         self._count += 1
         before = self._sum - self._mean
         self._mean += before / self._count
-        self._squares += before * (
-            self._sum - self._mean
-        )  # Welford's: a sum of squares would lose the digits
+        self._squares += before * (self._sum - self._mean)  # Welford's: a sum of squares would lose digits
         self._sum, self._filled = np.zeros(len(COLUMNS)), 0
 
 
@@ -197,7 +197,7 @@ class _Hold:
     setpoint: _Setpoint
     start: float  # s, when the motion has settled
     due: float  # s, when the next estimate is due
-    simulated: HoldPrediction  # of the samples that were dropped
+    simulated: HoldPrediction  # of the dropped samples
     environment: Sequence[Environment]
     batches: _Batches
     first: float = math.nan
@@ -247,9 +247,9 @@ class DragEstimator:
     model : Model
         The model whose torques are simulated.
     period : float, optional
-        Sampling period of the readings, where it is not that of the bench [s].
+        Sampling period of the readings, if not that of the bench [s].
     settled : bool
-        Whether to estimate settled holds only, and not repeatedly while they last.
+        Whether to estimate settled holds only, instead of repeatedly during a hold.
     """
 
     def __init__(self, model: Model, period: float | None = None, *, settled: bool = False) -> None:
@@ -268,20 +268,20 @@ class DragEstimator:
         self._constants = np.array([v(name) for name in _CONSTANTS])
         self._calibrated = all(name in learned for name in _CONSTANTS)
         self._first: _Settled | None = None
-        # the last settled hold at zero tilt of each speed, in the order of time: older ones are never referred to
+        # the last settled hold at zero tilt of each speed, in the order of time: older ones are never references
         self._last_upright: dict[float, _Settled] = {}
         self._environment: list[Environment] = []
 
     @property
     def environment(self) -> Sequence[Environment]:
-        """The environments that are known, by their times."""
+        """The known environments, by their times."""
         return self._environment
 
     def set_environment(self, events: Sequence[Environment]) -> None:
         """Take environments of the rig, with times [s] on the clock of the stamps.
 
-        They replace all that was known from the first of them on. A hold that began later than that keeps what was
-        known: they are those of another run.
+        They replace all known ones from the first of them on. A hold that began later than that keeps the previous
+        ones: the new ones are those of another run.
         """
         if not events:
             return
@@ -294,14 +294,9 @@ class DragEstimator:
         self._setpoints.append(_Setpoint(stamp_ns, segment, phase, *values))
 
     def add_block(self, stamps_ns: NDArray[np.int64], readings: Readings) -> list[Estimate]:
-        """Take consecutive samples and return the estimates that they complete.
+        """Take consecutive samples, stamped in ns, and return the estimates that they complete.
 
-        Parameters
-        ----------
-        stamps_ns : ndarray (m,)
-            Sampling instants [ns].
-        readings : Readings
-            Readings (m) [SI]. A sample without one of `NEEDED` (not finite) counts as lost.
+        A sample without one of the readings `NEEDED` (not finite) counts as lost.
         """
         whole = readings.whole(NEEDED)
         if not whole.all():  # a filter never recovers from NaN
@@ -335,13 +330,14 @@ class DragEstimator:
 
     def finish(self) -> list[Estimate]:
         """Return the estimate of the current hold, at the end of a test."""
-        return self._end()
+        hold, self._hold = self._hold, None
+        return [] if hold is None else self._estimate(hold, settled=True)
 
     def _take(self, setpoint: _Setpoint) -> list[Estimate]:
         hold, spin = setpoint.phase == HOLD, float(setpoint.spin_rate)
         if self._hold is not None and hold and setpoint.segment == self._hold.setpoint.segment:
             return []
-        estimates = self._end()
+        estimates = self.finish()
         turning = math.hypot(setpoint.tilt_rate_x, setpoint.tilt_rate_y)
         if hold and turning < 0.1 * DEG and abs(setpoint.spin_acceleration) < 0.5:
             changed = self._spin_before is not None and abs(spin - self._spin_before) > SPEED_CHANGE
@@ -352,15 +348,6 @@ class DragEstimator:
         if hold:
             self._spin_before = spin
         return estimates
-
-    def _end(self) -> list[Estimate]:
-        hold, self._hold = self._hold, None
-        return [] if hold is None else self._estimate(hold, settled=True)
-
-    def _simulated(self, hold: _Hold) -> HoldPrediction:
-        """Return the prediction of the model for the windows of a hold."""
-        self._shorten(hold)
-        return hold.simulated + self._predicted(hold, hold.times[0], hold.readings[0])
 
     def _shorten(self, hold: _Hold) -> None:
         """Reduce the old samples of a hold once and drop them, so that work and memory do not grow with the hold."""
@@ -381,7 +368,8 @@ class DragEstimator:
     def _estimate(self, hold: _Hold, *, settled: bool) -> list[Estimate]:
         if not hold.count or hold.last - hold.first < _NOTCH_SETTLING:
             return []
-        simulated = self._simulated(hold)
+        self._shorten(hold)
+        simulated = hold.simulated + self._predicted(hold, hold.times[0], hold.readings[0])
         if simulated.length <= 0.0:
             return []
         torque, air, errors, voltage = (
@@ -433,7 +421,7 @@ class DragEstimator:
         ]
 
     def _keep(self, own: _Settled) -> None:
-        """Keep a settled hold as far as later ones may refer to it."""
+        """Keep a settled hold as a possible reference of later ones."""
         self._first = self._first or own
         if own.upright:
             self._last_upright.pop(own.setpoint.spin_rate, None)

@@ -1,4 +1,4 @@
-"""The notch filter of the published ground test: it takes what turns with the rotor out of the readings."""
+"""The notch filter of the published ground test: it removes the harmonics of the spin speed from the readings."""
 
 from __future__ import annotations
 
@@ -23,10 +23,8 @@ def notched(readings: Readings, needed: tuple[str, ...], period: float) -> dict[
 
     Parameters
     ----------
-    readings : Readings
-        Consecutive readings (n) [SI].
-    needed : tuple of str
-        Readings without which a sample counts as lost.
+    readings, needed : Readings, tuple of str
+        Consecutive readings (n) [SI], and those without which a sample counts as lost.
     period : float
         Sampling interval [s].
 
@@ -45,20 +43,11 @@ def notched(readings: Readings, needed: tuple[str, ...], period: float) -> dict[
 
 @njit(cache=True, error_model="numpy")
 def notch(values: Any, columns: Any, rate: Any, period: float, radius: float, state: Any, out: Any) -> None:
-    """Filter `values` (m, n) in its `columns` through notches at once and twice the tracked spin rate.
+    """Filter the k `columns` of `values` (m, n) to `out` (m, k) by notches at once and twice the tracked spin rate.
 
-    Parameters
-    ----------
-    values, columns : ndarray
-        Readings (m, n) and the k columns to filter.
-    rate : ndarray (m,)
-        Spin rate [rad/s]; the tracked rate is its first-order low-pass, kept in the last element of `state`.
-    period, radius : float
-        Sampling interval [s] and radius of the poles.
-    state : ndarray (2 * 2 * k + 1,)
-        Filter memory; all NaN before the first sample.
-    out : ndarray (m, k)
-        Filtered values.
+    The tracked rate is the first-order low-pass of `rate` (m,) [rad/s]; `period` is the sampling interval [s], `radius`
+    that of the poles. `state` (2 * 2 * k + 1,) has the filter memory, then the tracked rate; all NaN before the first
+    sample.
     """
     k = len(columns)
     smooth = 1.0 - math.exp(-2.0 * math.pi * 5.0 * period)

@@ -9,24 +9,24 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.balance.motion import mean
-from gyrowheel_analysis.balance.parts import effect_parts
+from gyrowheel_analysis.fitting.fit import Unknowns
 from gyrowheel_analysis.fitting.prediction import Prediction
-from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_analysis.torques import effect_parts
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
 _ROWS = ("tilt_x", "tilt_y", "spin")
-#: Static errors of readings that only the laws of effects use, and the column of the windows that has them.
+#: Static errors of readings that affect the laws of effects alone, and the column of the windows with these readings.
 _STATIC_ERRORS = {"pressure_bias": "air_pressure", "temperature_bias": "coil_temperature"}
 
 
 def believed_bench(model: Model) -> Bench:
-    """Return the bench of a model with the values and standard errors that it has learned from recordings."""
+    """Return the bench of a model with the values and standard errors learned from recordings."""
     parameters = {
         name: replace(parameter, uncertainty=model.overrides[name].standard_error)
         if name in model.overrides
@@ -47,13 +47,13 @@ class HoldPrediction:
     length : float
         Length of the windows [s].
     torque, air, errors : ndarray (3,)
-        Torque that the motion needs, the share of effects of the air in it, and what the model adds for errors of
-        actuators and readings [N m s].
+        Torque that the motion needs, the share of effects of the air in it, and the contribution of errors of
+        actuators and readings by the model [N m s].
     voltage : ndarray (3,)
         Predicted voltages [V s].
     changes : ndarray (uncertainties, 3)
-        Change of the torque that the readings should show if one uncertain quantity of the model is one
-        standard error larger [N m s].
+        Change of the expected torque reading if one uncertain quantity of the model is one standard error larger
+        [N m s].
     """
 
     length: float
@@ -71,14 +71,9 @@ class HoldPrediction:
 class Predictor:
     """Predicts holds by a model.
 
-    Every uncertainty that the model states is propagated: of all bench parameters that a hold shows, as stated or as
+    Every uncertainty that the model states is propagated: of all bench parameters that affect a hold, as stated or as
     learned from recordings, of the coefficients of its effects, and of the readings of pressure and temperature that
     effects use. They count as independent: a model file has no covariances of parameters that were fitted together.
-
-    Parameters
-    ----------
-    model : Model
-        The believed model.
     """
 
     def __init__(self, model: Model) -> None:
@@ -93,9 +88,8 @@ class Predictor:
 
     def nothing(self) -> HoldPrediction:
         """Return the prediction of no window."""
-        return HoldPrediction(
-            0.0, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((self._count, 3))
-        )
+        none = np.zeros(3)
+        return HoldPrediction(0.0, none, none, none, none, np.zeros((self._count, 3)))
 
     def of(self, samples: Samples) -> HoldPrediction:
         """Return the prediction for some samples of a hold."""

@@ -23,9 +23,9 @@ from gyrowheel_sim import environment as environments
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 
-#: Samples that are handed over together: estimates are rare, and a block costs little more than a sample.
+#: Samples that are passed on together: estimates are rare, and a block costs little more than a sample.
 BLOCK: Final = 100
-#: Most samples that wait for the setpoint after them: where there are as many, none is coming.
+#: Most samples that wait for the setpoint after them: beyond it none is expected.
 PATIENCE: Final = 2000
 _SETPOINT_PERIOD_NS: Final = round(SETPOINT_PERIOD * 1e9)
 _STILL: Final = 0.1 * DEG  # a tilt that changes less is held
@@ -86,26 +86,22 @@ def drag_estimates(
         Readings (n) [SI].
     setpoints : structured ndarray (m,)
         ``stamp_ns`` and the fields of the Setpoint message, in the order of time.
-    model : Model
-        The believed model.
+    model, period, settled
+        As for `DragEstimator`.
     environment : sequence of Environment
         Environments of the rig, with times [s] on the clock of the stamps.
-    period : float, optional
-        Sampling period of the readings, where it is not that of the bench [s].
-    settled : bool
-        Whether to yield the last estimate of each hold alone.
     """
     estimator = DragEstimator(model, period, settled=settled)
     estimator.set_environment(environment)
     asked = setpoints[["stamp_ns", "segment", "phase", *wire.SETPOINT.fields]]
-    told = 0
+    passed = 0
     for start in range(0, len(stamps_ns), BLOCK):
         block = slice(start, start + BLOCK)
         # setpoints are passed on as they begin: hours of them at once take several times the memory
-        begun = int(np.searchsorted(asked["stamp_ns"][told:], stamps_ns[block][-1], side="right"))
-        for stamp, segment, phase, *values in asked[told : told + begun].tolist():
+        begun = int(np.searchsorted(asked["stamp_ns"][passed:], stamps_ns[block][-1], side="right"))
+        for stamp, segment, phase, *values in asked[passed : passed + begun].tolist():
             estimator.setpoint(stamp, segment, phase, values)
-        told += begun
+        passed += begun
         yield from estimator.add_block(stamps_ns[block], readings[block])
     yield from estimator.finish()
 
@@ -113,25 +109,20 @@ def drag_estimates(
 def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
     """Return the last drag estimates of the holds of a recording, computed from its measurements.
 
-    Parameters
-    ----------
-    recording : Recording
-        The recording. Without setpoints the holds are found in the motion, and numbered from 0.
-    model : Model
-        The believed model.
+    Without setpoints the holds are found in the motion, and numbered from 0.
 
     Raises
     ------
     InputError
         If a reading without a substitute was never taken.
     """
-    # loads the optimisers of SciPy, which takes long, and the node has no use for them
+    # loads the optimisers of SciPy, which takes long, and the node does not need them
     from gyrowheel_analysis.fitting.preparation import samples_of
 
     samples = samples_of(recording)
-    setpoints = (
-        recording.setpoint if len(recording.setpoint) else _found_setpoints(samples, recording.start_ns)
-    )
+    setpoints = recording.setpoint
+    if not len(setpoints):
+        setpoints = _found_setpoints(samples, recording.start_ns)
     stamps = recording.measurement["stamp_ns"]
     start = recording.start_ns * 1e-9
     environment = [replace(event, time=event.time + start) for event in recording.environment]
@@ -140,25 +131,16 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
 
 
 def _found_setpoints(samples: Samples, start_ns: int) -> Any:
-    """Return setpoints of the holds that the motion shows: one at the beginning of each, one at its end."""
+    """Return setpoints of the holds in the motion: one at the beginning of each, one at its end."""
     rows: list[tuple[Any, ...]] = []
     before = math.nan
     for start, stop, _, turn in steady_spans(samples):
         first, last = np.searchsorted(samples.time, (start, stop))
-        tilt_x, tilt_y, spin = (
-            samples.readings[name][first:last] for name in ("tilt_x", "tilt_y", "spin_rate")
-        )
+        tilt_x, tilt_y, spin = (samples.readings[n][first:last] for n in ("tilt_x", "tilt_y", "spin_rate"))
         # a ramp is a steady motion, too
         if turn > 0.0 or _moves(spin, SPEED_CHANGE) or _moves(tilt_x, _STILL) or _moves(tilt_y, _STILL):
             continue
-        motion = (
-            float(np.nanmean(tilt_x)),
-            float(np.nanmean(tilt_y)),
-            0.0,
-            0.0,
-            float(np.nanmean(spin)),
-            0.0,
-        )
+        motion = float(np.nanmean(tilt_x)), float(np.nanmean(tilt_y)), 0.0, 0.0, float(np.nanmean(spin)), 0.0
         # the estimator waits until a motion has settled, but this one has
         settling = SPIN_SETTLING if abs(motion[4] - before) > SPEED_CHANGE else SETTLING
         before = motion[4]
@@ -180,19 +162,14 @@ def _moves(column: NDArray[np.float64], least: float) -> bool:
 class DragStream:
     """Turns serialized samples and setpoints into drag estimates.
 
-    The estimates do not depend on how the messages of the two topics interleave. A stamp that goes back begins
-    another run.
-
-    Parameters
-    ----------
-    model : Model
-        The model whose torques are simulated.
+    The estimates do not depend on how the messages of the two topics interleave. A stamp that decreases begins another
+    run. `model` gives the simulated torques.
 
     Attributes
     ----------
     samples, missing, malformed : int
-        Samples handed over, samples that are missing by their sequence numbers, and messages that are not of the
-        layout of the bench; of the current run.
+        Processed samples, samples missing by their sequence numbers, and messages without the layout of the bench; of
+        the current run.
     first : int
         Sequence number of the first sample of the run; -1 before it.
     """
@@ -219,7 +196,7 @@ class DragStream:
         if stamp < 0 or len(raw) != wire.MEASUREMENT.size:
             self.malformed += 1
             return []
-        if raw == self._latest:  # sent again, for a node that has come since
+        if raw == self._latest:  # sent again, for a node that started late
             return []
         estimates = self.finish() if stamp <= self._sample_ns else []  # the plant was started again
         self._sample_ns, self._latest = stamp, raw
@@ -234,7 +211,7 @@ class DragStream:
             self.malformed += 1
             return []
         if 0 <= self._sample_ns < stamp + _SETPOINT_PERIOD_NS and stamp <= self._setpoint_ns:
-            return []  # sent again, for a node that has come since
+            return []  # sent again, for a node that started late
         estimates = self.finish() if stamp <= self._setpoint_ns else []
         self._setpoint_ns = stamp
         self._estimator.setpoint(stamp, segment, phase, values)
@@ -243,12 +220,12 @@ class DragStream:
     def take_environment(self, raw: bytes) -> None:
         """Take a serialized message of the environment.
 
-        It counts for holds whose setpoints are taken after it. What is known of the environment outlives a run, as the
-        topic keeps it for those who join.
+        It counts for holds whose setpoints are taken after it. The known environment outlives a run, as the topic keeps
+        it for late subscribers.
         """
         try:
             events = environments.from_json(wire.unpack_text(raw))
-        except ValueError:  # also an InputError: a value that is out of range
+        except ValueError:  # also an InputError: a value out of range
             self.malformed += 1
             return
         self._estimator.set_environment(events)
@@ -274,21 +251,21 @@ class DragStream:
     def _begin(self, environment: Sequence[Environment] = ()) -> None:
         self._estimator = DragEstimator(self._model)
         self._estimator.set_environment(environment)
-        self._waiting: list[bytes] = []  # samples that were not handed over
+        self._waiting: list[bytes] = []  # samples that were not passed on
         self.samples = self.missing = self.malformed = 0
         self.first = self._sequence = -1  # sequence numbers of the first and the last sample
         self._sample_ns, self._latest = -1, b""  # stamp of the last sample, and its message
         self._setpoint_ns = -1  # stamp of the last setpoint
 
     def _hand_over(self) -> list[Estimate]:
-        """Give a block of samples, or all there are if they are fewer, to the estimator."""
+        """Pass a block of samples, or all remaining ones if they are fewer, to the estimator."""
         block, self._waiting = self._waiting[:BLOCK], self._waiting[BLOCK:]
         rows = np.frombuffer(b"".join(block), wire.MEASUREMENT.dtype)
         self.samples += len(rows)
         first, last = int(rows["sequence"][0]), int(rows["sequence"][-1])
         if self.first < 0:
             self.first, self._sequence = first, first - 1
-        # those that come later than their successors are rare, and were counted as missing
+        # samples that arrive after their successors are rare, and were counted as missing
         self.missing += max(last - self._sequence - len(rows), 0)
         self._sequence = last
         readings = Readings(np.stack([rows[name] for name in READINGS], axis=1))

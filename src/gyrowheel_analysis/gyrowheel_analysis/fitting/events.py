@@ -1,9 +1,9 @@
 """Events: something that changes in the middle of a recording, as rows of a balance.
 
-An event changes one quantity (`QUANTITIES`) by a size in the course of one profile: a step stays, a trend grows from
-one time to another and then stays, a burst ends. A drift that has a shape changes it in the course of a temperature, or
-swings; and a torque may follow the tilt with a delay. The rows are linear in the size, so that a fit includes it
-by projecting it out of rows and derivatives alike (`Noise.with_events`).
+An event changes one quantity (`QUANTITIES`) by a size, following one profile: a step stays, a trend grows from one time
+to another and then stays, a burst ends. A drift with a shape follows a temperature, or swings; and a torque may follow
+the tilt with a delay. The rows are linear in the size, so that a fit includes it by projecting it out of rows and
+derivatives alike (`Noise.with_events`).
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ Kind = Literal[
     "air_temperature",
     "after_tilt",
 ]
-#: Events at a time; all other kinds are shapes of a drift.
+#: Changes at one time; all other kinds are shapes of a drift.
 HAPPENS: tuple[Kind, ...] = ("step", "trend", "burst")
 #: Shapes that follow a reading.
 TEMPERATURES: tuple[Kind, ...] = ("coil_temperature", "motor_temperature", "air_temperature")
 
 #: Quantities of which a jump looks like a motion.
 MOTION = ("tilt_reading_x", "tilt_reading_y")
-_STEADY = 0.05  # K; a temperature that varies by less shows nothing
-_SHOWS = 1.0e-9  # part of the largest row below which a row is zero but for rounding
+_STEADY = 0.05  # K; a temperature that varies by less explains nothing
+_SHOWS = 1.0e-9  # part of the largest row below which a row is a rounding error
 _TORQUE = 1.0e-3  # N m on the default bench: size of a large event
 
 
@@ -49,18 +49,9 @@ _TORQUE = 1.0e-3  # N m on the default bench: size of a large event
 class EventQuantity:
     """A quantity that an event may change.
 
-    Attributes
-    ----------
-    name : str
-        Its name, as in the results' JSON.
-    unit : str
-        Unit of the size [SI].
-    drifts : tuple of str
-        Readings whose drifts its rows carry.
-    rows : callable
-        Gives the rows (by name) of a balance in which the quantity is larger by one unit.
-    width : callable
-        Gives a large size of it on a bench.
+    `name` is as in the results' JSON, `unit` that of the size [SI]; `drifts` are the readings whose drifts its rows
+    carry. `rows` gives the rows, by name, of a balance in which the quantity is larger by one unit, `width` a large
+    size of it on a bench.
     """
 
     name: str
@@ -84,9 +75,9 @@ class Event:
         ``step`` (stays), ``trend`` (grows from `time` to `end`, then stays) or ``burst`` (ends at `end`); ``swing``, a
         temperature that it follows, or ``after_tilt`` (relaxes after every move of the tilt).
     time : float
-        When it begins [s from the start of the recording]; when a swing has its maximum; in what time it relaxes [s].
+        Start [s from the start of the recording]; maximum of a swing; relaxation time of ``after_tilt`` [s].
     end : float
-        When a trend or a burst ends [s], infinite for a step; the period of a swing [s].
+        End of a trend or a burst [s], infinite for a step; the period of a swing [s].
     """
 
     recording: int
@@ -97,7 +88,7 @@ class Event:
 
     @property
     def edges(self) -> tuple[float, ...]:
-        """Times at which it begins and, if it does, ends [s]."""
+        """Times of its beginning and, if any, its end [s]."""
         if self.kind in TEMPERATURES:
             return ()
         return (self.time,) if self.kind in ("step", "after_tilt") else (self.time, self.end)
@@ -108,7 +99,7 @@ class Event:
         return replace(self, time=time, end=end)
 
     def profile(self, start: Array, duration: Array) -> Array:
-        """Return the mean over intervals of what happens at a time, in units of its size."""
+        """Return the mean over intervals of a change at a time, in units of its size."""
         stop = start + duration
         if self.kind == "swing":
             turns = (start + 0.5 * duration - self.time) / self.end
@@ -124,7 +115,7 @@ class Event:
             kelvin = temperature(windows, self.kind)
             return np.asarray((kelvin - kelvin.mean()) / max(np.ptp(kelvin), _STEADY))
         if self.kind == "after_tilt":
-            return np.ones(len(windows))  # its rows have their course already
+            return np.ones(len(windows))  # its rows already follow their course
         return self.profile(windows.start, windows.duration)
 
 
@@ -136,14 +127,9 @@ def temperature(windows: Windows, kind: Kind) -> Array:
 
 
 def lag_of_tilt(windows: Windows, time: float) -> NDArray[np.complex128]:
-    """Return the lead of the tilt over its mean of the past, in every window (n,) [rad].
+    """Return the lead of the tilt over its mean of the past, which fades with a `time` constant [s], (n,) [rad].
 
-    Parameters
-    ----------
-    windows : Windows
-        The windows; between two of them the tilt is taken to move at once.
-    time : float
-        Time constant with which the past fades [s].
+    Between two windows the tilt moves at once.
     """
     order = np.argsort(windows.start, kind="stable")
     start, duration, tilt = windows.start[order], windows.duration[order], windows.mean_tilt[order]
@@ -160,15 +146,15 @@ def lag_of_tilt(windows: Windows, time: float) -> NDArray[np.complex128]:
 
 
 def _risen(time: Array, begin: float, end: float) -> Array:
-    """Return the integral up to a time of what rises from 0 to 1 between two times."""
+    """Return the integral up to a time of a ramp that rises from 0 to 1 between two times."""
     length = max(end - begin, 1.0e-3)
     return np.asarray(0.5 * np.clip(time - begin, 0.0, length) ** 2 / length + np.maximum(time - end, 0.0))
 
 
 def unit_rows(balance: Balance, quantity: EventQuantity, lag: float | None = None) -> Array:
-    """Return the rows (N,) of a balance in which a quantity is larger by one unit all the time.
+    """Return the rows (N,) of a balance in which a quantity is always larger by one unit.
 
-    For a torque that follows the tilt, `lag` is the time in which it relaxes [s].
+    For a torque that follows the tilt, `lag` is its relaxation time [s].
     """
     rows = np.zeros(len(balance))
     own = quantity.rows(balance) if lag is None else _lagging(balance, lag)
@@ -192,9 +178,9 @@ def event_columns(balances: Sequence[Balance], events: Sequence[Event]) -> Array
 
 
 def edge_columns(balances: Sequence[Balance], events: Sequence[Event], deviation: Array) -> Array:
-    """Return a column for every row of the windows in which something changes, (N, rows) [standard deviations].
+    """Return a column for every row of the windows in which a reading of the tilt jumps, (N, rows).
 
-    A jump in a reading of the tilt disturbs what is fitted there as a smooth motion. Such a window counts for nothing.
+    A jump disturbs the fit of a smooth motion there. Such a window gets no weight. The columns are standard deviations.
     """
     edges = np.cumsum([0, *(len(b) for b in balances)])
     rows: list[int] = []
@@ -214,7 +200,7 @@ def edge_columns(balances: Sequence[Balance], events: Sequence[Event], deviation
 
 
 def event_widths(bench: Bench, events: Sequence[Event]) -> Array:
-    """Return a generous size of every event on a bench."""
+    """Return a large size of every event on a bench."""
     return np.array([QUANTITIES[event.quantity].width(bench) for event in events])
 
 
@@ -223,13 +209,13 @@ def _ones(balance: Balance, size: float = 1.0) -> Array:
 
 
 def _on_shaft(balance: Balance, torque: Array) -> dict[str, Array]:
-    """Return the rows of a torque on the shaft: the motor must give as much the other way."""
+    """Return the rows of a torque on the shaft: the motor compensates it."""
     v = balance.bench.value
     return {"spin": -torque, "motor_voltage": -torque * v("motor_resistance") / v("motor_constant")}
 
 
 def _on_case(torque: NDArray[np.complex128]) -> dict[str, Array]:
-    """Return the rows of a torque on the rotor in case axes, x + i y: the coils must give as much the other way."""
+    """Return the rows of a torque on the rotor in case axes, x + i y: the coils compensate it."""
     return {"tilt_x": -torque.real, "tilt_y": -torque.imag}
 
 
@@ -242,18 +228,14 @@ def _tilt(balance: Balance) -> NDArray[np.complex128]:
 
 
 def _lagging(balance: Balance, lag: float) -> dict[str, Array]:
-    """Return the rows of a torque against a tilt that has moved, which relaxes while it rests."""
+    """Return the rows of a torque against a moved tilt, which relaxes at rest."""
     return _on_case(-lag_of_tilt(balance.windows, lag) / balance.bench.value("tilt_reference"))
-
-
-def _current(balance: Balance) -> Array:
-    return balance.windows.motor_current
 
 
 def _gain(balance: Balance) -> dict[str, Array]:
     """Return the rows of coils that give more torque per volt: they need less voltage, at all harmonics.
 
-    They are what the model needs, not what was measured: that has the residual in it and would explain itself.
+    They are predicted, not measured: the measured rows contain the residual, which would explain itself.
     """
     rows = balance.by_parameter("coil_constant") * balance.bench.value("coil_constant")
     turning = [
@@ -267,7 +249,7 @@ def _gain(balance: Balance) -> dict[str, Array]:
 
 
 def _by_parameter(balance: Balance, name: str, unit: float = 1.0) -> dict[str, Array]:
-    """Return the rows of a parameter of the bench that is larger by a unit, where it shows at all."""
+    """Return the rows of a parameter of the bench that is larger by a unit, where it shows."""
     rows = balance.by_parameter(name) * unit
     size = np.abs(rows).max(initial=0.0)
     return {
@@ -282,12 +264,8 @@ def _torque(bench: Bench) -> float:
 
 
 _ALL = (
-    EventQuantity(
-        "torque_x", "N*m", ("coil_voltage",), lambda b: {"tilt_x": _ones(b, -1.0)}, _torque
-    ),
-    EventQuantity(
-        "torque_y", "N*m", ("coil_voltage",), lambda b: {"tilt_y": _ones(b, -1.0)}, _torque
-    ),
+    EventQuantity("torque_x", "N*m", ("coil_voltage",), lambda b: {"tilt_x": _ones(b, -1.0)}, _torque),
+    EventQuantity("torque_y", "N*m", ("coil_voltage",), lambda b: {"tilt_y": _ones(b, -1.0)}, _torque),
     EventQuantity(
         "spin_torque", "N*m", ("motor_current", "motor_voltage"), lambda b: _on_shaft(b, _ones(b)), _torque
     ),
@@ -308,9 +286,7 @@ _ALL = (
     EventQuantity(
         "torque_across_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(1j * _tilt(b) * _speed(b)), _torque
     ),
-    EventQuantity(
-        "coil_gain", "1", ("coil_voltage",), _gain, lambda bench: 0.02
-    ),
+    EventQuantity("coil_gain", "1", ("coil_voltage",), _gain, lambda bench: 0.02),
     EventQuantity(
         "tilt_reading_x", "rad", ("coil_voltage",), lambda b: _by_parameter(b, "tilt_bias_x"),
         lambda bench: 0.02 * bench.value("tilt_reference"),
@@ -321,18 +297,17 @@ _ALL = (
     ),
     EventQuantity(
         "winding_resistance", "1", ("motor_voltage",),
-        lambda b: {"motor_voltage": b.bench.value("motor_resistance") * _current(b)}, lambda bench: 0.1,
+        lambda b: {"motor_voltage": b.bench.value("motor_resistance") * b.windows.motor_current},
+        lambda bench: 0.1,
     ),
     EventQuantity(
         "motor_constant", "1", ("motor_current", "motor_voltage"),
         lambda b: _by_parameter(b, "motor_constant", b.bench.value("motor_constant")), lambda bench: 0.02,
     ),
-    EventQuantity(
-        "encoder_zero", "rad", (), lambda b: _by_parameter(b, "encoder_zero"), lambda bench: 0.02
-    ),
+    EventQuantity("encoder_zero", "rad", (), lambda b: _by_parameter(b, "encoder_zero"), lambda bench: 0.02),
 )  # fmt: skip
 
-#: A torque that follows the tilt with a delay; it changes in no other way.
+#: A torque that follows the tilt with a delay; no other event changes it.
 AFTER_TILT = EventQuantity(
     "torque_after_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(_tilt(b)), _torque
 )
@@ -341,7 +316,7 @@ QUANTITIES: dict[str, EventQuantity] = {quantity.name: quantity for quantity in 
 
 #: Quantities that may change together: both axes of a torque or of a reading. Any other quantity changes alone.
 _PAIRS = (("torque_x", "torque_y"), ("tilt_reading_x", "tilt_reading_y"))
-#: Every quantity once, the simplest first, with the one that may change at once with it.
+#: Every quantity once, the simplest first, with the one that may change together with it.
 TOGETHER: tuple[tuple[str, ...], ...] = tuple(
     dict.fromkeys(
         next((pair for pair in _PAIRS if name in pair), (name,))

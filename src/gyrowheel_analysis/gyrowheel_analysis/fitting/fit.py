@@ -1,15 +1,22 @@
-"""Terms that may be missing in a model, values of the unknowns of a fit, and the result of one."""
+"""Terms, unknowns with their priors, their values, and the result of a fit."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.balance.balance import ActiveEffect
+from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, physical, registry
 from gyrowheel_sim.effects.registry import for_bench
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
+from gyrowheel_sim.parameter import Parameter
 
 #: Bench parameters whose error is a separate finding: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
@@ -47,18 +54,18 @@ def parameter_errors(bench: Bench) -> list[str]:
 
 
 def candidate_terms(bench: Bench) -> list[Term]:
-    """Return every physical effect, as usual on a bench, and every parameter error that can be a finding."""
+    """Return every physical effect with its usual sizes on a bench, and every parameter error that can be a finding."""
     effects = [Term(name, for_bench(effect, bench)) for name, effect in physical().items()]
     return effects + [Term(name) for name in parameter_errors(bench)]
 
 
 def is_instrument(term: Term) -> bool:
-    """Whether a term is an instrument that is not as stated."""
+    """Whether a term is a deviation of an instrument."""
     return term.effect is not None and term.effect.category == "instrument"
 
 
 def instrument_terms() -> list[Term]:
-    """Return every instrument that may not be as stated; its size is the same on every bench."""
+    """Return every possible deviation of an instrument; its size is the same on every bench."""
     return [Term(name, effect) for name, effect in registry().items() if is_instrument(Term(name, effect))]
 
 
@@ -77,7 +84,7 @@ class Point:
         Deviations from the stated values in stated uncertainties: of the bench parameters, then of the coefficients of
         the model's effects.
     coefficients : dict
-        {term: {coefficient: value}}; a registered effect, or one of the model, may be here without being among `terms`.
+        {term: {coefficient: value}}; effects that are registered or in the model may be here without being `terms`.
     """
 
     terms: tuple[Term, ...]
@@ -133,3 +140,231 @@ class Fit(Point):
         index = [len(self.nuisance) + self.columns.index((term, name)) for name in names]
         values = np.array([self.coefficients[term][name] for name in names])
         return float(np.sqrt(values @ np.linalg.solve(self.covariance[np.ix_(index, index)], values)))
+
+
+#: Bench parameters that are estimated in every fit, by the name of their group in the bench file.
+NUISANCE_GROUPS = (
+    "flexure_stiffness_x",
+    "flexure_stiffness_y",
+    "gimbal_inertia",
+    "rotor_inertia_transverse",
+    "rotor_inertia_z",
+    "shaft_inertia",
+    "flexure_damping_x",
+    "flexure_damping_y",
+    "bearing_coulomb",
+    "bearing_viscous",
+    "coil_constant",
+    "motor_constant",
+    "motor_resistance",
+    *MOTOR_THERMAL,
+    "fixed_torque_x",
+    "fixed_torque_y",
+    "tilt_bias_x",
+    "tilt_bias_y",
+    "tilt_scale",
+    *INSTRUMENT_PARAMETERS,
+)
+_HELD = 1.0e4  # inverse prior deviation of an unknown that is fixed at its prior value
+_RELATIVE_ERROR_BOUNDS = (-0.9, 10.0)
+
+
+class Unknowns:
+    """The unknowns of a fit and their priors. Nothing here depends on a recording.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench as its file describes it: the stated values and uncertainties.
+    known : EffectValues
+        Effects that the model already has. A term of the same name replaces such an effect.
+    known_errors : dict
+        Standard errors of their coefficients; a coefficient without one is fixed.
+    declared : dict of str to Effect
+        Declarations of effects that are not registered.
+    assumed : dict of str to float
+        Uncertainty of readings that are assumed, not measured [SI], by the bench parameter that is their static error.
+        It adds to the stated uncertainty of a parameter that is estimated anyway.
+
+    Attributes
+    ----------
+    library : mapping of str to Effect
+        The registered effects, with their usual sizes on the bench, and those declared. All other effects come with the
+        terms of a `Point`.
+    nuisances : list of (str, list of Parameter)
+        The groups of uncertain bench parameters.
+    count : int
+        Number of nuisance unknowns: those groups, then the uncertain coefficients of the known effects.
+    of_instruments : frozenset of int
+        The numbers of parameters of instruments among them.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        known: EffectValues | None = None,
+        known_errors: EffectValues | None = None,
+        declared: Mapping[str, Effect] | None = None,
+        assumed: Mapping[str, float] | None = None,
+    ) -> None:
+        self.bench = bench
+        self.assumed = dict(assumed or {})
+        self.declared = dict(declared or {})
+        self.library: Mapping[str, Effect] = MappingProxyType(
+            {name: for_bench(effect, bench) for name, effect in registry().items()} | self.declared
+        )
+        self.known = {name: dict(values) for name, values in (known or {}).items()}
+        self.known_errors = {name: dict(errors) for name, errors in (known_errors or {}).items()}
+        #: Uncertain coefficients of known effects: effect, coefficient, standard error.
+        self.loose = [
+            (name, key, error)
+            for name, errors in self.known_errors.items()
+            for key, error in errors.items()
+            if name in self.known and error > 0.0
+        ]
+        groups = bench.groups()
+        wider = {
+            name: replace(p, uncertainty=math.hypot(p.uncertainty, self.assumed[name]))
+            for name, p in bench.parameters.items()
+            if name in self.assumed and p.group in NUISANCE_GROUPS
+        }
+        self.nuisances: list[tuple[str, list[Parameter]]] = [
+            (g, [wider.get(p.name, p) for p in groups[g]]) for g in NUISANCE_GROUPS if g in groups
+        ]
+        there = {group for group, _ in self.nuisances}
+        self.nuisances += [
+            (name, [replace(bench.parameters[name], uncertainty=size)])
+            for name, size in self.assumed.items()
+            if name not in there
+        ]
+        self.count = len(self.nuisances) + len(self.loose)
+        self.of_instruments = frozenset(
+            k for k, (group, _) in enumerate(self.nuisances) if group in INSTRUMENT_PARAMETERS
+        )
+
+    def on_bench(self, bench: Bench) -> Unknowns:
+        """Return the same unknowns with the statements of another bench."""
+        return Unknowns(bench, self.known, self.known_errors, self.declared, self.assumed)
+
+    def stated(self, coefficients: EffectValues | None = None) -> Point:
+        """Return all unknowns as stated, with given coefficients of registered effects or parameter errors."""
+        return Point((), np.zeros(self.count), coefficients or {})
+
+    def term(self, name: str) -> Term:
+        """Return the term of a name: an effect of the library or the error of a bench parameter."""
+        return Term(name) if name in ERRORS else Term(name, self.library[name])
+
+    def values(self, point: Point) -> dict[str, float]:
+        """Return the bench parameters at a point."""
+        values = self.bench.values()
+        for (_, parameters), u in zip(self.nuisances, point.nuisance[: len(self.nuisances)], strict=True):
+            for p in parameters:
+                values[p.name] = p.value + u * p.uncertainty
+        for name, groups in ERRORS.items():
+            if name in point.coefficients:
+                for group, parameters in self.nuisances:
+                    if group in groups:
+                        for p in parameters:
+                            values[p.name] += p.value * point.coefficients[name]["relative_error"]
+        return values
+
+    def effects(self, point: Point) -> list[ActiveEffect]:
+        """Return all effects at a point with their coefficients: the known ones and those of the terms."""
+        every = {t.name: t.effect for t in point.terms if t.effect is not None} | dict(self.library)
+        present = {**self._known_at(point.nuisance), **point.coefficients}
+        return [ActiveEffect(every[name], v) for name, v in present.items() if name in every]
+
+    def _known_at(self, nuisance: Array) -> EffectValues:
+        """Return the coefficients of the known effects for deviations `nuisance`."""
+        known = {name: dict(v) for name, v in self.known.items()}
+        for (name, key, error), u in zip(self.loose, nuisance[len(self.nuisances) :], strict=True):
+            known[name][key] += u * error
+        return known
+
+    def moved(self, nuisance: Array) -> dict[tuple[str, str], float]:
+        """Return the change of each coefficient of the known effects, in its standard errors."""
+        names = [(name, key) for name, key, _ in self.loose]
+        return dict(zip(names, nuisance[len(self.nuisances) :].tolist(), strict=True))
+
+    def present(self, term: Term, point: Point) -> dict[str, float] | None:
+        """Return the coefficients of a term at a point; None if it is absent."""
+        if term.name in point.coefficients:
+            return point.coefficients[term.name]
+        return self._known_at(point.nuisance).get(term.name)
+
+    def candidates(self) -> list[Term]:
+        """Return every term that may be missing: effects, instruments, and errors of parameters that can be a finding.
+
+        Effects of the model are included, as their coefficients may be wrong: as terms they replace those of the model.
+        """
+        own = [Term(name, self.library[name]) for name in self.known if name not in registry()]
+        return candidate_terms(self.bench) + instrument_terms() + own
+
+    def null(self, term: Term) -> dict[str, float]:
+        """Return the coefficients for which a term changes nothing: those of an effect of the model itself."""
+        if term.name in self.known:
+            return dict(self.known[term.name])
+        return term.effect.nulls() if term.effect else {"relative_error": 0.0}
+
+    @staticmethod
+    def scale(term: Term, name: str) -> float:
+        """Return a large size of a coefficient: five times the usual amplitude, the uncertainty of a shape."""
+        if term.effect is None:
+            return 1.0
+        c = next(c for c in term.effect.coefficients if c.name == name)
+        return c.shape_uncertainty if c.shape is not None else 5.0 * c.usual[1]
+
+    @staticmethod
+    def bounds(term: Term, name: str) -> tuple[float, float]:
+        """Return the range of a coefficient."""
+        if term.effect is None:
+            return _RELATIVE_ERROR_BOUNDS
+        return next(c.bounds for c in term.effect.coefficients if c.name == name)
+
+    def prior(self, terms: Sequence[Term]) -> tuple[Array, list[tuple[str, str]]]:
+        """Return the inverse prior deviations of all unknowns and the list of the coefficients among them.
+
+        The error of a parameter has no prior. Where it equals the deviation of a single group, that deviation is fixed
+        at zero, and likewise for deviations of instruments. Shapes keep the uncertainty of their declaration.
+        """
+        columns = [(t.name, name) for t in terms for name in t.coefficients]
+        inverse = [1.0] * self.count
+        places = {name: k for k, (name, _) in enumerate(self.nuisances)}
+        for term in terms:
+            for group in self._replaced(term):
+                if group in places:
+                    inverse[places[group]] = _HELD
+            for name in term.coefficients:
+                shape = term.effect is not None and name not in term.amplitudes
+                inverse.append(1.0 / self.scale(term, name) if shape else 0.0)
+        return np.array(inverse), columns
+
+    def same_as(self, term: Term) -> dict[str, tuple[int, float]]:
+        """Return the nuisance unknowns that equal coefficients of a term: a deviation of an instrument.
+
+        By coefficient, the number of the unknown and its unit [unit of the coefficient]; empty where one of the
+        coefficients has no such unknown.
+        """
+        if not is_instrument(term) or term.effect is None:
+            return {}
+        places = {name: (k, own[0].uncertainty) for k, (name, own) in enumerate(self.nuisances)}
+        found = {str(law.expression): places[law.target] for law in term.effect.laws if law.target in places}
+        return found if set(found) == set(term.coefficients) else {}
+
+    @staticmethod
+    def _replaced(term: Term) -> tuple[str, ...]:
+        """Return the groups of bench parameters whose deviations equal the coefficients of a term."""
+        if term.effect is None:
+            groups = ERRORS[term.name]
+            return groups if len(groups) == 1 else ()
+        return tuple(law.target for law in term.effect.laws if law.target in INSTRUMENT_PARAMETERS)
+
+    def centre(self, terms: Sequence[Term]) -> Array:
+        """Return the prior centre of all unknowns."""
+        return np.concatenate(
+            [np.zeros(self.count), [self.null(t)[n] for t in terms for n in t.coefficients]]
+        )
+
+    def widths(self, terms: Sequence[Term]) -> Array:
+        """Return a large prior deviation of every unknown."""
+        return np.array([1.0] * self.count + [self.scale(t, n) for t in terms for n in t.coefficients])

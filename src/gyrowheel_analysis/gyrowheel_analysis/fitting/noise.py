@@ -27,13 +27,13 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: Sizes of events are fitted freely, whatever is generous; the likelihood counts them as if they had that size.
+#: Prior width of the sizes of events, over their large sizes: practically free; the likelihood counts them as if large.
 _FLAT = 1.0e3
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of several recordings: one covariance a row of averages and recording, one deviation an amplitude.
+    """Noise of several recordings: for each, one covariance a row of averages and one deviation an amplitude.
 
     Attributes
     ----------
@@ -44,8 +44,8 @@ class Noise:
     scales : dict of str to float
         Magnitude of each drift over the stated one.
     events : ndarray (N, events) or None
-        Rows of what changes in the middle of a recording, by generous sizes. Whitening projects them out of all rows,
-        which fits their sizes along with everything else.
+        Rows of changes in the middle of a recording, by large sizes. Whitening projects them out of all rows, which
+        fits their sizes along with everything else.
     """
 
     averages: tuple[tuple[tuple[DriftCovariance, str], ...], ...]
@@ -57,12 +57,8 @@ class Noise:
     def stated(cls, balances: Sequence[Balance], predicted: Sequence[Array]) -> Noise:
         """Return the noise on the benches of the balances with drifts as large as stated.
 
-        Parameters
-        ----------
-        balances : sequence of Balance
-            One a recording; their drifts are independent.
-        predicted : sequence of ndarray
-            Predicted rows of each, for the accuracy of the model.
+        There is one balance for each recording, with independent drifts; its `predicted` rows give the accuracy of the
+        model.
         """
         averages = tuple(
             tuple(
@@ -91,19 +87,11 @@ class Noise:
         values: Mapping[str, float],
         lateness: Mapping[str, float] | None = None,
     ) -> Noise:
-        """Return the noise on a bench of other values; the same object where it hardly differs.
+        """Return the noise on a bench of other `values` [SI]; the same object where it hardly differs.
 
-        The noise of a torque twice a revolution comes mostly from the readings of the tilt, times what the rotor
-        resists there. That almost vanishes for a disc, but not for a rotor with a very different inertia.
-
-        Parameters
-        ----------
-        balances, predicted
-            As given to `stated`, the rows as predicted with those values.
-        values : mapping
-            All bench parameters [SI].
-        lateness : mapping, optional
-            By how much readings are late without being stated so [s], by channel (`amplitude_variance`).
+        The noise of a torque twice a revolution comes mostly from the readings of the tilt, times the rotor's
+        resistance there. That almost vanishes for a disc, but not for a rotor with a very different inertia.
+        `predicted` are the rows with these values; `lateness` are unstated delays of readings [s], by channel.
         """
         try:
             benches = [balance.bench.with_values(values) for balance in balances]
@@ -117,7 +105,7 @@ class Noise:
         return replace(self, amplitudes=amplitudes) if other else self
 
     def whiten(self, rows: Array) -> Array:
-        """Return rows (N, ...) divided by the square root of their covariance, less what the events explain of them."""
+        """Return rows (N, ...) divided by the square root of their covariance, less the part that events explain."""
         white = self.whitened(rows)
         if self.events is None:
             return white
@@ -126,7 +114,7 @@ class Noise:
     @cached_property
     def _basis(self) -> Array:
         """Orthonormal basis (N, events) of the whitened events."""
-        assert self.events is not None  # asked for only where there are some
+        assert self.events is not None  # only then is it needed
         basis, _ = np.linalg.qr(self.whitened(self.events))
         return np.asarray(basis)
 
@@ -154,13 +142,8 @@ class Noise:
     def best_scales(self, residual: Array, regressors: Array) -> tuple[dict[str, float], float]:
         """Return the most likely scales of the drifts and minus twice the log of their marginal likelihood.
 
-        Parameters
-        ----------
-        residual : ndarray (N,)
-            Rows measured minus predicted by the model.
-        regressors : ndarray (N, p)
-            Everything that may explain them, each column scaled to one prior standard deviation. What they can explain
-            does not count as drift.
+        `residual` (N,) are rows measured minus predicted; `regressors` (N, p) are all possible explanations, each
+        column scaled to one prior standard deviation. The part that they can explain does not count as drift.
         """
         names = list(DRIFTS)
         blocks, residual, regressors, turning_cost = self.of_averages(residual, regressors)
@@ -179,7 +162,7 @@ class Noise:
         )
 
     def beside_events(self, regressors: Array) -> Array:
-        """Return regressors (N, p) and those of the events, whose sizes are practically free."""
+        """Return regressors (N, p) with those of the events, whose sizes are practically free."""
         return regressors if self.events is None else np.hstack([regressors, _FLAT * self.events])
 
     def of_averages(
@@ -187,17 +170,12 @@ class Noise:
     ) -> tuple[list[tuple[DriftCovariance, str]], Array, Array, float]:
         """Return the averages among the rows, which alone show the drift, given the amplitudes.
 
-        Parameters
-        ----------
-        residual, regressors
-            As given to `best_scales`. Those of the events are appended.
-
         Returns
         -------
         blocks : list of (DriftCovariance, str)
             The covariances of the averages, each with the name of its drift.
         residual, regressors : ndarray (n,), ndarray (n, p)
-            Their rows; the information of the amplitudes, whose noise is known, on the regressors is used up.
+            Their rows, with the regressors of the events, given the information of the amplitudes on the regressors.
         cost : float
             Minus twice the log likelihood of the amplitudes.
         """

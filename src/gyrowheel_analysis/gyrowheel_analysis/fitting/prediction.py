@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance, Instants
-from gyrowheel_analysis.fitting.fit import Point, Term
-from gyrowheel_analysis.fitting.unknowns import Unknowns
+from gyrowheel_analysis.fitting.fit import Point, Term, Unknowns
 
 Array = NDArray[np.float64]
 
@@ -24,15 +23,7 @@ _State = tuple[dict[str, float], list[Instants], Array]
 
 
 class Prediction:
-    """Rows of the balances as functions of the unknowns; the last few states are kept for their derivatives.
-
-    Parameters
-    ----------
-    balances : sequence of Balance
-        One a recording.
-    unknowns : Unknowns
-        The unknowns.
-    """
+    """Rows of the balances, one a recording, as functions of the unknowns; caches the last few states."""
 
     def __init__(self, balances: Sequence[Balance], unknowns: Unknowns) -> None:
         self.balances = tuple(balances)
@@ -44,7 +35,7 @@ class Prediction:
         return self._state(point)[2]
 
     def with_measured(self, balances: Sequence[Balance]) -> Prediction:
-        """Return the prediction for balances that differ in their measured rows alone."""
+        """Return the prediction for balances that differ only in their measured rows."""
         result = copy(self)
         result.balances, result._states = tuple(balances), self._states.copy()
         return result
@@ -61,10 +52,10 @@ class Prediction:
         return np.split(rows, edges)
 
     def nuisance_jacobian(self, point: Point, at: Array, before: Array | None = None) -> Array:
-        """Return the derivatives (N, q) of the rows, which are `at` there, by the nuisance unknowns.
+        """Return the derivatives (N, q) of the rows by the nuisance unknowns, where the rows are `at`.
 
-        Given those at another point, the columns of the instruments are taken from `before`: they hardly change with
-        the state of the machine, and take longest.
+        Given those at another point, `before`, the columns of the instruments are taken from it: they hardly change
+        with the state of the machine, and take longest.
         """
         columns = []
         for k in range(self.unknowns.count):
@@ -79,16 +70,8 @@ class Prediction:
     def term_jacobian(self, term: Term, point: Point, at: Array, names: Sequence[str] | None = None) -> Array:
         """Return the derivatives of the rows by coefficients of a term (amplitudes zero where not given).
 
-        Parameters
-        ----------
-        term : Term
-            The term; it need not be in the point.
-        point : Point
-            Where the derivatives are taken.
-        at : ndarray (N,)
-            The predicted rows there.
-        names : sequence of str, optional
-            The coefficients; all of the term's unless given.
+        The term need not be in the point; the predicted rows there are `at` (N,). `names` are the coefficients, by
+        default all of the term.
         """
         columns = []
         for name in term.coefficients if names is None else names:
@@ -99,9 +82,9 @@ class Prediction:
         return np.column_stack(columns)
 
     def amplitude_columns(self, term: Term, point: Point, at: Array, nuisance: Array) -> Array:
-        """Return the derivatives by the amplitudes of a term that is not in a point.
+        """Return the derivatives by the amplitudes of a term that is absent at a point.
 
-        Those that a nuisance unknown has as well are taken from `nuisance` (N, q), its derivatives thereabouts.
+        Those that equal a nuisance unknown are taken from `nuisance` (N, q), its derivatives nearby.
         """
         if same := self.unknowns.same_as(term):
             return np.column_stack([nuisance[:, k] / unit for k, unit in (same[n] for n in term.amplitudes)])
@@ -109,14 +92,14 @@ class Prediction:
 
     @cached_property
     def as_stated(self) -> tuple[Array, Array]:
-        """The rows with everything as stated (N,), and their derivatives by the nuisance unknowns (N, q)."""
+        """The rows with all unknowns as stated (N,), and their derivatives by the nuisance unknowns (N, q)."""
         stated = self.unknowns.stated()
         base = self.rows(stated)
         return base, self.nuisance_jacobian(stated, base)
 
     @cached_property
     def candidate_columns(self) -> Array:
-        """Derivatives of the rows by the amplitudes of all effects that may be missing, with everything as stated.
+        """Derivatives of the stated rows by the amplitudes of all effects that may be missing.
 
         Each is multiplied by its `Unknowns.scale`.
         """
@@ -184,7 +167,7 @@ class Prediction:
     def _from(
         self, instants: Sequence[Instants], rows: Callable[[Balance, Instants], Array | None]
     ) -> Array | None:
-        """Return the rows that every balance makes of its state; None if one of them cannot."""
+        """Return the rows of every balance for its state; None if one of them cannot give them."""
         parts = []
         for balance, at in zip(self.balances, instants, strict=True):
             own = rows(balance, at)

@@ -1,4 +1,4 @@
-"""From recordings and a model to a problem that can be fitted."""
+"""From recordings and a model to a fit problem."""
 
 from __future__ import annotations
 
@@ -14,16 +14,14 @@ from threadpoolctl import threadpool_limits
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import unphased
 from gyrowheel_analysis.criteria import FEWEST_WINDOWS, OTHER_MACHINE
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, Unknowns
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFindings, Shown, look, reading_findings
 from gyrowheel_analysis.reduction.quality import NEEDED
 from gyrowheel_analysis.reduction.samples import Commanded, Samples
 from gyrowheel_analysis.reduction.segmentation import reduce_and_account
-from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_analysis.reduction.windows import Coverage, Windows
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
@@ -35,9 +33,9 @@ Progress = Callable[[str], None]
 Array = NDArray[np.float64]
 
 _ANSWER = 2  # samples from the one that a command answers to the first whose voltages show it
-#: Parameters by which machines are distinguished, by a factor of `OTHER_MACHINE`. Stated uncertainties
-#: would not do: a better value for the same machine often lies tens of them from the first one, while nobody mistakes
-#: an inertia, a flexure or the sample period by a factor of two.
+#: Parameters by which machines are distinguished, by a factor of `OTHER_MACHINE`. Stated uncertainties would not do: a
+#: better value for the same machine often lies tens of them from the first one, while nobody mistakes an inertia, a
+#: flexure or the sample period by a factor of two.
 _DISTINGUISHING = (
     "rotor_inertia_x",
     "rotor_inertia_z",
@@ -50,12 +48,12 @@ _PHASE = "encoder_zero"
 
 
 def too_few_windows(windows: int, coverage: Coverage) -> str:
-    """Return in a sentence that there are too few windows, and why there are not more."""
+    """Return a sentence with the number of windows, the number needed, and the coverage."""
     return f"{windows} steady windows; at least {FEWEST_WINDOWS} are needed; {coverage.sentence()}"
 
 
 class TooFewWindowsError(InputError):
-    """Recordings have too little steady motion to say anything.
+    """Recordings have too little steady motion for the analysis.
 
     Attributes
     ----------
@@ -72,7 +70,7 @@ class TooFewWindowsError(InputError):
 
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings made ready to be fitted.
+    """Recordings with their fit problem.
 
     Attributes
     ----------
@@ -85,7 +83,7 @@ class Prepared:
     coverage : Coverage
         Use of the recordings.
     validation : Prepared or None
-        Recordings on which nothing is fitted, nor their drifts estimated; None if there is no window in any.
+        Recordings that take no part in fit and drift estimate; None if none of them has a window.
     shown : list of Shown
         The instruments of each as its samples show them.
     """
@@ -104,10 +102,7 @@ class Prepared:
         return reading_findings(shown, [*self.names, *(other.names if other else [])], bench)
 
     def reweighed(self, fit: Fit) -> Prepared:
-        """Return the same with the noise of the machine that a fit describes (`Problem.reweighed`).
-
-        The same object is returned where that noise hardly differs.
-        """
+        """Return the same with the noise of the machine that a fit describes; itself where that hardly differs."""
         problem = self.problem.reweighed(fit)
         if problem is self.problem:
             return self
@@ -119,7 +114,7 @@ class Prepared:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra on one thread: the matrices are small, and several threads would only wait for each other."""
+    """Keep linear algebra on one thread: the matrices are small, and threads would only wait for each other."""
     with threadpool_limits(limits=1, user_api="blas"):
         yield
 
@@ -132,12 +127,12 @@ def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
     recording : Recording
         The recording.
     incomplete : bool
-        Whether readings may be missing that can be derived from others (`derived`).
+        Whether readings that can be derived from others may be missing (`derived`).
 
     Raises
     ------
     InputError
-        If one that cannot be derived was never measured, or the samples are too far apart.
+        If a reading that cannot be derived was never measured, or the samples are too far apart.
     """
     require_rate(recording)
     absent = unmeasured(recording.readings)
@@ -177,7 +172,7 @@ def _commanded(recording: Recording) -> Commanded | None:
     answered = commands["measurement_sequence"].astype(np.int64)
     if np.any(answered[1:] < answered[:-1]):
         return None
-    places = np.empty(len(samples), np.int32)  # enough for twelve days of them
+    places = np.empty(len(samples), np.int32)  # enough for twelve days
 
     def find(first: int, last: int) -> None:
         shown = samples[first:last].astype(np.int64) - _ANSWER
@@ -200,25 +195,23 @@ def prepare(
 
     Parameters
     ----------
-    recordings : sequence of Recording
-        Recordings of one machine.
+    recordings, validate : sequence of Recording
+        Recordings of one machine; nothing is fitted to those of `validate`.
     model : Model
         The model.
-    validate : sequence of Recording
-        Further recordings of the machine on which nothing is to be fitted.
     harmonics : bool
-        Whether to use what happens within a revolution, or averages alone.
+        Whether to use harmonics within a revolution, or averages alone.
     drift_scales : dict of str to float, optional
-        Magnitudes of the drifts over the stated ones, where they are known already.
+        Known magnitudes of the drifts over the stated ones; estimated by default.
     progress : callable, optional
-        Called with a line of text now and then.
+        Called with a line of text for each step.
 
     Raises
     ------
     TooFewWindowsError
         If the recordings have too little steady motion.
     InputError
-        If there is no recording, one is of another bench (`require_one_bench`), or its readings cannot be those of this
+        If there is no recording, one is of another bench (`require_one_bench`), or its readings are impossible on this
         one.
     """
     if not recordings:
@@ -266,10 +259,10 @@ def _reduced(
     progress: Progress | None,
     elsewhere: Sequence[Shown] = (),
 ) -> tuple[list[Balance], Coverage, list[Shown]]:
-    """Return the balance of every recording, how much of them all lies in windows, and what their samples show.
+    """Return the balance of every recording, the coverage of them all, and the instruments as their samples show them.
 
-    The noise of each counts hum that any of them shows, or others `elsewhere`. `errors` are what `largest_errors`
-    returns for all recordings of the fit.
+    The noise of each includes hum that any of them shows, or others `elsewhere`. `errors` are the result of
+    `largest_errors` for all recordings of the fit.
     """
     require_one_bench(recordings, model)
     bench = model.reference_bench
@@ -324,12 +317,12 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
 
     Two benches are different if their names differ and one of the distinguishing parameters is more than twice that of
     the other. So a bench file under another name for the same machine passes, and so does a machine that differs from
-    its bench: finding that is what the diagnosis is for. A recording that does not name its bench is not checked.
+    its bench: that is a matter of the diagnosis. A recording that does not name its bench is not checked.
 
     Raises
     ------
     InputError
-        If there are two different benches; it names the recording, the parameter and both benches.
+        For two different benches; it names the recording, the parameter and both benches.
     """
     stated = model.stated_bench
     known: list[tuple[str, str, Mapping[str, float]]] = [(model.origin, stated.name, stated.values())]
@@ -352,7 +345,7 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
 
 
 def _check(windows: Windows, bench: Bench, where: str) -> None:
-    """Refuse readings that no test on this bench can give; the usual cause is wrong units."""
+    """Refuse readings that are impossible on this bench; the usual cause is wrong units."""
     if not len(windows):
         return
     tilt = float(np.abs(windows.mean_tilt).max())

@@ -1,4 +1,4 @@
-"""A fit problem: recordings, unknowns and noise put together. Nothing that is evaluated changes it."""
+"""A fit problem: recordings, unknowns and noise. It is immutable."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from scipy.optimize import lsq_linear
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import STATED_RANGE
 from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns, event_widths
-from gyrowheel_analysis.fitting.fit import Fit, Point, Term
+from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.solver import Objective, solve
-from gyrowheel_analysis.fitting.unknowns import Unknowns
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: Channels whose amplitudes a filter of unknown shape would spoil.
+#: Channels whose amplitudes a filter of unknown shape would distort.
 FILTERED = ("tilt", "coil_voltage")
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything that a fit needs. Another noise makes another problem.
+    """Everything that a fit needs; immutable: another noise makes another problem.
 
     Attributes
     ----------
@@ -43,7 +42,7 @@ class Problem:
     events : tuple of Event
         Changes in the middle of a recording, whose sizes are estimated.
     removed : tuple of float
-        Sizes of the events that are taken from the measured rows already.
+        Sizes of the events that are already subtracted from the measured rows.
     """
 
     prediction: Prediction
@@ -55,14 +54,9 @@ class Problem:
 
     @classmethod
     def of(cls, balances: Sequence[Balance], unknowns: Unknowns | Bench) -> Problem:
-        """Return the problem of some balances, with the noise and drift that their benches state.
+        """Return the problem of some balances, one a recording, with the noise and drift that their benches state.
 
-        Parameters
-        ----------
-        balances : sequence of Balance
-            One a recording.
-        unknowns : Unknowns or Bench
-            What is unknown; for a bench, its parameters alone.
+        For a bench in place of the unknowns, its parameters alone are unknown.
         """
         unknowns = Unknowns(unknowns) if isinstance(unknowns, Bench) else unknowns
         prediction = Prediction(balances, unknowns)
@@ -70,7 +64,7 @@ class Problem:
         return cls(prediction, Noise.stated(prediction.balances, prediction.split(base)), base, jacobian)
 
     def for_unknowns(self, unknowns: Unknowns) -> Problem:
-        """Return the same problem for unknowns that have the same nuisances; what one caches the other does not see."""
+        """Return the same problem for unknowns that have the same nuisances, with separate caches."""
         return replace(self, prediction=self.prediction.for_unknowns(unknowns))
 
     @property
@@ -107,7 +101,7 @@ class Problem:
         return self.prediction.term_jacobian(term, point, at, names)
 
     def amplitude_columns(self, term: Term, point: Point, at: Array, nuisance: Array) -> Array:
-        """Return derivatives by the amplitudes of a term that is not there, see `Prediction.amplitude_columns`."""
+        """Return derivatives by the amplitudes of an absent term, see `Prediction.amplitude_columns`."""
         return self.prediction.amplitude_columns(term, point, at, nuisance)
 
     def jacobian(self, point: Point, at: Array) -> Array:
@@ -166,29 +160,15 @@ class Problem:
         )
 
     def fit(self, terms: Sequence[Term], start: Fit | None = None, *, iterations: int = 12) -> Fit:
-        """Fit the nuisance unknowns and the coefficients of `terms`.
-
-        Parameters
-        ----------
-        terms : sequence of Term
-            Terms that are fitted besides the nuisance unknowns.
-        start : Fit, optional
-            Where to start from.
-        iterations : int
-            Steps at most.
-        """
+        """Fit the nuisance unknowns and the coefficients of `terms`, from `start` on, in at most so many iterations."""
         objective = Objective(self.prediction, self.measured, self.noise, terms)
-        return solve(
-            objective,
-            objective.start(start),
-            self._nuisance_columns(objective.terms, start),
-            iterations=iterations,
-        )
+        columns = self._nuisance_columns(objective.terms, start)
+        return solve(objective, objective.start(start), columns, iterations=iterations)
 
     def _nuisance_columns(self, terms: Sequence[Term], start: Fit | None) -> Array:
         """Return the derivatives by the nuisance unknowns to start a fit with.
 
-        What the model has of an effect does nothing where a term stands in its place.
+        The coefficients of an effect of the model have no influence where a term replaces it.
         """
         if start is None:
             columns, before = self.base_jacobian, set()
@@ -216,10 +196,10 @@ class Problem:
         return self.fit(fit.terms, replace(fit, jacobian=np.hstack([fresh, fit.jacobian[:, self.count :]])))
 
     def fit_within(self, bound: float = STATED_RANGE) -> Fit:
-        """Fit the nuisance unknowns alone, none further than `bound` stated uncertainties from its stated value.
+        """Fit the nuisance unknowns alone, each within `bound` stated uncertainties of its stated value.
 
-        This is the best fit of the model without further effects. Without bounds a parameter would move as far as it
-        takes to make up for a missing effect.
+        This is the best fit of the model without further effects. Without bounds a parameter would compensate for a
+        missing effect.
         """
         free = self.fit(())
         if np.abs(free.nuisance).max(initial=0.0) <= bound:
@@ -236,10 +216,7 @@ class Problem:
         return replace(free, nuisance=x, chi2=rows + float(x @ x), chi2_rows=rows, residual=residual, pull=x)
 
     def basis(self, fit: Fit) -> Array:
-        """Return an orthonormal basis (N + unknowns, unknowns) of all that the unknowns of a fit can explain.
-
-        Its rows are the whitened rows, then the priors.
-        """
+        """Return an orthonormal basis (rows + priors, unknowns) of the whitened derivatives of a fit."""
         inverse, _ = self.unknowns.prior(fit.terms)
         design = np.vstack([self.noise.whiten(fit.jacobian), np.diag(inverse)])
         size = np.linalg.norm(design, axis=0)
@@ -250,19 +227,19 @@ class Problem:
     def evidence(self, fit: Fit) -> float:
         """Return minus twice the log of the marginal likelihood of a fit, the magnitudes of the drifts left free.
 
-        This weighs what a term explains against what a larger drift would explain. The prior of every amplitude is as
-        wide as `Unknowns.scale`, so that a further amplitude has its price.
+        This weighs the gain of a term against that of a larger drift. The prior of every amplitude is as
+        wide as `Unknowns.scale`, which penalises further amplitudes.
         """
         offset = np.concatenate([fit.nuisance, [fit.coefficients[t][name] for t, name in fit.columns]])
-        # the rows as they would be with everything at its prior centre, to first order
+        # the rows with everything at its prior centre, to first order
         rows = fit.residual + fit.jacobian @ (offset - self.unknowns.centre(fit.terms))
         return self.noise.best_scales(rows, fit.jacobian * self.unknowns.widths(fit.terms))[1]
 
     def with_drift_estimated(self, fit: Fit | None = None) -> Problem:
         """Return the problem with the magnitudes of the slow drifts estimated from the rows.
 
-        What bench parameters or registered effects can explain does not count as drift, nor, given a fit, what its
-        terms can explain.
+        The part that bench parameters or registered effects can explain does not count as drift, nor, given a fit, the
+        part that its terms explain.
         """
         if fit is None:
             rows, own = self.measured - self.base, self.base_jacobian
@@ -287,7 +264,7 @@ class Problem:
         return late
 
     def reweighed(self, fit: Fit) -> Problem:
-        """Return the problem with the noise of the machine that a fit describes; this one where it hardly differs.
+        """Return the problem with the noise of the machine that a fit describes; itself where that hardly differs.
 
         See `Noise.on_bench_of` and `Balance.cleared`.
         """

@@ -1,6 +1,6 @@
 """Nonlinear least squares: Gauss-Newton steps, shortened where they fail.
 
-It is used instead of `scipy.optimize.least_squares` because it finds the same minimum in a third to a fifth of the time
+It replaces `scipy.optimize.least_squares` because it finds the same minimum in a third to a fifth of the time
 (`python -m benchmarks solver`): the derivatives by the bench parameters, most of the work, are kept from step to step.
 """
 
@@ -32,18 +32,9 @@ _GAIN = 1.0e-3  # in chi-squared: a step that gains less is the last one
 class Evaluated:
     """Prediction of a vector of unknowns, and its cost.
 
-    Attributes
-    ----------
-    point : Point
-        The unknowns by name.
-    predicted : ndarray (N,)
-        Predicted rows.
-    white : ndarray (N,)
-        Whitened residual.
-    pull : ndarray (unknowns,)
-        Deviations from the priors.
-    chi2_rows, chi2 : float
-        Sum of squares of the whitened residual; with that of the pulls; infinite where not finite.
+    `point` has the unknowns by name, `predicted` (N,) the rows; `white` (N,) is the whitened residual, `pull`
+    (unknowns,) are the deviations from the priors. `chi2_rows` is the sum of squares of `white`, `chi2` that with the
+    pulls; infinite where not finite.
     """
 
     point: Point
@@ -55,19 +46,7 @@ class Evaluated:
 
 
 class Objective:
-    """Chi-squared of recordings and priors as a function of the vector of all unknowns.
-
-    Parameters
-    ----------
-    prediction : Prediction
-        Predicts the rows.
-    measured : ndarray (N,)
-        The measured rows.
-    noise : Noise
-        Their noise.
-    terms : sequence of Term
-        Terms that are fitted besides the nuisance unknowns.
-    """
+    """Chi-squared of recordings and priors as a function of the vector of all unknowns, those of `terms` included."""
 
     def __init__(self, prediction: Prediction, measured: Array, noise: Noise, terms: Sequence[Term]) -> None:
         self.prediction, self.measured, self.noise = prediction, measured, noise
@@ -77,7 +56,7 @@ class Objective:
         self.centre = prediction.unknowns.centre(self.terms)
 
     def start(self, point: Point | None) -> Array:
-        """Return the vector of a point, its terms' coefficients as far as it has them; the prior centre for None."""
+        """Return the vector of a point, with the prior centre for missing coefficients; the prior centre for None."""
         x = self.centre.copy()
         if point is not None:
             x[: self.count] = point.nuisance
@@ -108,7 +87,7 @@ class Objective:
         return np.hstack(parts)
 
     def design(self, jacobian: Array) -> Array:
-        """Return whitened derivatives of rows and priors."""
+        """Return the whitened derivatives of rows and priors."""
         return np.vstack([self.noise.whiten(jacobian), np.diag(self.inverse)])
 
     def bounds(self) -> tuple[Array, Array]:
@@ -136,20 +115,10 @@ class _Step:
 
 
 def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iterations: int = 12) -> Fit:
-    """Minimise an objective.
+    """Minimise an objective from `x` on, in at most so many iterations.
 
-    The derivatives by the nuisance unknowns change little; they are computed again where one has moved far.
-
-    Parameters
-    ----------
-    objective : Objective
-        The minimised cost.
-    x : ndarray
-        Where to begin.
-    nuisance_jacobian : ndarray (N, q)
-        Derivatives by the nuisance unknowns there, or nearby.
-    iterations : int
-        Steps at most.
+    The derivatives by the nuisance unknowns, `nuisance_jacobian` (N, q) at `x` or nearby, change little; they are
+    computed again where one has moved far.
 
     Raises
     ------
@@ -210,7 +179,7 @@ def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _S
     size[size == 0.0] = 1.0
     now = np.concatenate([at.white, -at.pull])
     if not (np.isfinite(design).all() and np.isfinite(now).all()):
-        # absurd readings, or a bold step into nowhere: no direction is better than another
+        # absurd readings, or a bold step far off: no direction is better than another
         return _Step(jacobian, design, size, np.zeros(design.shape[1]), 0.0)
     step, *_ = np.linalg.lstsq(design / size, now, rcond=1e-12)
     then = now - (design / size) @ step
@@ -218,7 +187,7 @@ def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _S
 
 
 def _boldly(objective: Objective, x: Array, at: Evaluated, before: Array) -> tuple[Array, Evaluated]:
-    """Go on from where a whole step has led, uphill though it was, by whole steps with new derivatives.
+    """Continue from the end of a whole step, uphill though it was, by whole steps with new derivatives.
 
     Where a scale factor is far off, chi-squared has a narrow curved valley. A whole step misses it and the next
     ones lead into it, while steps that are short enough to go downhill make no progress.

@@ -33,22 +33,15 @@ from gyrowheel_sim.jit import njit
 
 Array = NDArray[np.float64]
 
-_KEPT = 8  # scales whose results are kept: an optimiser moves one at a time
+_KEPT = 8  # cached scales: an optimiser moves one at a time
 
 
 class DriftCovariance:
     """Covariance of rows with white noise and one drift: diag(d) + (scale * level)² exp(-|t - t'| / tau).
 
-    Parameters
-    ----------
-    time : ndarray (n,)
-        Times of the rows [s], in any order.
-    diagonal : ndarray (n,)
-        Variance of the white noise, positive [unit of the rows squared].
-    level : float
-        Standard deviation of the drift for a scale of one [unit of the rows].
-    drift_time : float
-        Correlation time of the drift [s].
+    `time` (n,) are the times of the rows [s], in any order; `diagonal` (n,) is the variance d of the white noise,
+    positive; `level` is the standard deviation of the drift for a scale of one [unit of the rows], `drift_time` its
+    correlation time tau [s].
     """
 
     def __init__(self, time: Array, diagonal: Array, level: float, drift_time: float) -> None:
@@ -80,8 +73,8 @@ class DriftCovariance:
     def whiten(self, rows: Array, scale: float) -> Array:
         """Return rows (n, ...) divided by the square root of their covariance.
 
-        For rows ordered by time that root is the lower Cholesky factor. Other rows are taken in the order of time, and
-        each result is put in the place of its row.
+        For rows ordered by time that root is the lower Cholesky factor. Other rows are processed in the order of time,
+        and each result is put in the place of its row.
         """
         gain, deviation = self._filter(scale)
         shape = np.shape(rows)
@@ -109,18 +102,10 @@ class DriftCovariance:
 class MarginalCost:
     """Minus twice the log likelihood of rows that regressors and drifts of unknown magnitude explain.
 
-    The rows are normal with the covariance ``blockdiag(C_1(s), C_2(s), ...) + X Xᵀ``, where X are the regressors, each
-    column scaled to one prior standard deviation. By the Woodbury identity and the matrix determinant lemma no larger
-    matrix is needed than X has columns.
-
-    Parameters
-    ----------
-    blocks : sequence of (DriftCovariance, str)
-        The blocks of the covariance in the order of the rows, each with the name of its drift.
-    residual : ndarray (N,)
-        The rows.
-    regressors : ndarray (N, p)
-        The regressors X.
+    The rows `residual` (N,) are normal with the covariance ``blockdiag(C_1(s), C_2(s), ...) + X Xᵀ``, where X are the
+    `regressors` (N, p), each column scaled to one prior standard deviation, and each of the `blocks` C is given with
+    the name of its drift. By the Woodbury identity and the matrix determinant lemma no larger matrix is needed than X
+    has columns.
     """
 
     def __init__(
@@ -210,19 +195,9 @@ def amplitude_variance(
 ) -> Array:
     """Return the variance of each part of an amplitude in every window.
 
-    Parameters
-    ----------
-    balance : Balance
-        The balance.
-    bench : Bench
-        The bench on which the noise arises; its values may be others than those of the balance's bench.
-    predicted : ndarray (N,)
-        The predicted rows.
-    channel : Channel
-        A channel of the group ``revolution`` or ``ripple``.
-    lateness : dict of str to float, optional
-        Unstated delays of readings [s], by channel. The filter that makes them late has an
-        unknown shape.
+    `predicted` (N,) are the rows of the balance; `bench` is that of the noise, whose values may differ from those of
+    the balance's bench. `lateness` are unstated delays of readings [s], by channel; the shape of the filter that causes
+    them is unknown.
     """
     size = np.hypot(*(predicted[balance.row(row)] for row in channel.rows))
     variance = np.asarray(_AMPLITUDES[channel.quantity](balance, bench, size, channel.order))
@@ -286,7 +261,7 @@ def _coil_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> 
 
 
 def _resistance(balance: Balance, bench: Bench, order: int) -> Array:
-    """Return the torque that a tilt once or twice a revolution takes, over the tilt [N m/rad]."""
+    """Return the torque of a tilt once or twice a revolution over the tilt [N m/rad]."""
     v = bench.value
     inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
     stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))

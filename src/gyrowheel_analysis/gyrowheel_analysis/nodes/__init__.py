@@ -1,1 +1,1 @@
-"""The nodes ``drag_estimator``, ``recorder`` and ``replay``."""
+"""The node ``drag_estimator``."""

@@ -52,7 +52,7 @@ class DragEstimatorNode(BenchNode):
         self._taking = self.wall_timer(TAKE_PERIOD, self._take)
 
     def deactivate(self) -> None:
-        """Publish the estimate of the hold under way, and take no more samples."""
+        """Publish the estimate of the current hold, and take no more samples."""
         self.destroy_timer(self._taking)
         self.drain()
         self._active = False
@@ -60,7 +60,7 @@ class DragEstimatorNode(BenchNode):
         self.deliver(self._publisher)
 
     def cleanup(self) -> None:
-        """Give up the topics."""
+        """Destroy the topics."""
         for inbox in self._inputs or ():
             self.close_inbox(inbox)
         self._inputs = None
@@ -73,7 +73,7 @@ class DragEstimatorNode(BenchNode):
         environment, setpoints, samples = self._inputs
         full = True
         while full:
-            # a plan's environment is delivered before its first setpoint: taken after it, it is surely there
+            # a plan's environment is delivered before its first setpoint: taken after it, it has certainly arrived
             arrived = list(setpoints.take())
             for raw in environment.take():
                 if self._active:

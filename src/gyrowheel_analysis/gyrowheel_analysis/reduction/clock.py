@@ -29,17 +29,8 @@ _GAP = 0.5  # s; across less the number of lost samples is certain
 def evened(data: Samples, period: float) -> Samples:
     """Return samples with instants that are as regular as the turning of the rotor shows them to be.
 
-    Parameters
-    ----------
-    data : Samples
-        The samples; every reading of the angle is a number.
-    period : float
-        Sampling period [s].
-
-    Returns
-    -------
-    Samples
-        The same object if the stamps hardly jitter.
+    Every reading of the angle is a number; `period` is the sampling period [s]. The same object is returned if the
+    stamps hardly jitter.
     """
     time = data.time
     if len(time) < _FEWEST:
@@ -72,7 +63,7 @@ def _breaks(time: Array) -> list[int]:
 
 def _smooth(time: Array, period: float) -> Array:
     """Return the instants of samples without their jitter: even, at a rate that changes slowly."""
-    # the library takes long to load, and the node of the drag estimator has no use for it
+    # the library takes long to load, and the node of the drag estimator does not need it
     from scipy.ndimage import uniform_filter1d
 
     # in place, since hours of samples are smoothed at once: steps, then their number from the first sample on
@@ -83,7 +74,7 @@ def _smooth(time: Array, period: float) -> Array:
     del usual
     np.rint(np.divide(steps, one, out=steps), out=steps)
     np.cumsum(number, out=number)
-    # the line through all stamps, and what is left of them
+    # the line through all stamps, and the deviations from it
     number -= number.mean()
     middle = time.mean()
     left = time - middle
@@ -133,27 +124,19 @@ class Stamps:
     ----------
     stated : float
         Time between samples as stated [s].
-    period : float
-        Mean time between samples by the stamps [s].
-    period_error : float
-        Its standard error [s].
-    jitter : float
-        Standard deviation of the stamps about an even clock [s].
-    jitter_error : float
-        Its standard error [s].
-    sampled : float
-        Part of the jitter that the samples have too: 0 where only the stamps scatter, 1 where the samples are taken
-        when the stamps say.
-    sampled_error : float
-        Its standard error; infinite where the angle does not show it.
-    hidden : float
-        Jitter of the samples that shows in the angle and not in the stamps [s], from noise that grows with the speed.
-    hidden_error : float
-        Its standard error [s]; infinite where all speeds are alike.
-    counter : float
-        Speed by the angle and the stamps over the reading of the speed, less one; NaN where it is not known.
-    counter_error : float
-        Its standard error.
+    period, period_error : float
+        Mean time between samples by the stamps, and its standard error [s].
+    jitter, jitter_error : float
+        Standard deviation of the stamps about an even clock, and its standard error [s].
+    sampled, sampled_error : float
+        Part of the jitter that the samples share, and its standard error: 0 where only the stamps scatter, 1 where the
+        samples are taken at their stamps. The error is infinite where the angle does not show it.
+    hidden, hidden_error : float
+        Jitter of the samples that shows in the angle and not in the stamps, from noise that grows with the speed, and
+        its standard error [s]; infinite where all speeds are alike.
+    counter, counter_error : float
+        Speed by the angle and the stamps over the reading of the speed, less one, and its standard error; NaN where
+        unknown.
     """
 
     stated: float
@@ -170,21 +153,9 @@ class Stamps:
 
 
 def read_stamps(data: Samples, sequence: NDArray[np.integer], period: float) -> Stamps | None:
-    """Look at the clock of a recording.
+    """Return the clock of a recording whose times are the stamps; None if it is too short or unevenly sampled.
 
-    Parameters
-    ----------
-    data : Samples
-        The recording; its times are the stamps.
-    sequence : ndarray (n,)
-        Numbers of the samples, ascending.
-    period : float
-        Sampling period as stated [s].
-
-    Returns
-    -------
-    Stamps or None
-        None for a recording that is too short or whose samples are not evenly spaced.
+    `sequence` (n,) has the numbers of the samples, ascending; `period` is the stated sampling period [s].
     """
     time, angle = data.time, data.readings.spin_angle
     count = _counted(time, sequence) if len(time) >= _FEWEST_STAMPS else None
@@ -244,12 +215,8 @@ def _counted(time: Array, sequence: NDArray[np.integer]) -> Array | None:
     return count
 
 
-def _wrapped(values: Array) -> Array:
-    return values - _TURN * np.round(values / _TURN)
-
-
 def _parts(count: int, parts: int) -> list[slice]:
-    """Return so many parts of an array of `count` elements, as `numpy.array_split` makes them."""
+    """Return slices that divide `count` elements into `parts`, as `numpy.array_split` does."""
     size, more = divmod(count, parts)
     ends = [k * size + min(k, more) for k in range(parts + 1)]
     return [slice(first, last) for first, last in pairwise(ends)]
@@ -263,13 +230,14 @@ def _speed(angle: Array, period: float) -> Array:
 
 
 def _even(count: Array) -> NDArray[np.bool_]:
-    """Whether five samples in a row lack none between them."""
+    """Return where five samples in a row are complete."""
     return np.asarray(count[4:] - count[:-4] == 4.0)
 
 
 def _turning(angle: Array) -> Array:
-    """Return the fourth differences of the angle [rad], turn by turn the same."""
-    steps = _wrapped(np.diff(angle))
+    """Return the fourth differences of the angle [rad], free of whole turns."""
+    steps = np.diff(angle)
+    steps -= _TURN * np.round(steps / _TURN)
     return steps[3:] - 3.0 * steps[2:-1] + 3.0 * steps[1:-2] - steps[:-3]
 
 

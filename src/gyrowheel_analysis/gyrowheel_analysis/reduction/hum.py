@@ -19,34 +19,116 @@ from numpy.typing import NDArray
 from scipy.special import gammainccinv
 
 from gyrowheel_analysis.criteria import CLEAR_HUM, HUM_CHANCE, HUM_LEVEL
+from gyrowheel_analysis.reduction.quality import taper
 from gyrowheel_analysis.reduction.samples import Samples
-from gyrowheel_analysis.reduction.spectra import (
-    CHANNELS,
-    COMMANDED,
-    FEWEST,
-    MAIN_LOBE,
-    SHORTEST,
-    Array,
-    Complex,
-    Spectra,
-    rotor_gap,
-    tapered,
-)
 from gyrowheel_analysis.reduction.windows import FORWARD, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.instruments.response import held_response, smooth_response
 
-_MOTION_KNOWN = (
-    0.05  # part to which the answer of the rotor is known: constants, and instants of the readings
-)
-_STIFF = 0.15  # of the gyroscopic torque: below it the rotor resonates, and its answer is not known
-_BESIDE = (
-    5.0,
-    6.5,
-    8.0,
-    9.5,
-    11.0,
-)  # over 1/length: distances from a line at which the response of the readings is measured
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+#: Channels in which hum is looked for, each with its readings.
+CHANNELS: Mapping[str, tuple[str, ...]] = {
+    "tilt": ("tilt_x", "tilt_y"),
+    "coil_voltage": ("coil_voltage_x", "coil_voltage_y"),
+    "motor_voltage": ("motor_voltage",),
+    "motor_current": ("motor_current",),
+}
+_READ = tuple(name for names in CHANNELS.values() for name in names)
+#: Commands to the coils, as further columns next to the readings.
+COMMANDED = ("command_x", "command_y")
+_MOST_WINDOWS = 40
+SHORTEST = 0.7  # s
+FEWEST = 4  # windows
+#: Half the width of a line after the taper, over 1/length.
+MAIN_LOBE = 4.0
+_ROTOR_ORDERS = np.arange(1, 13)  # multiples of the spin speed at which a line may be the rotor's
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Tapered windows and their spectra.
+
+    `values` are the tapered readings (n, columns) of each window less their mean, scaled so that the sum over
+    exp(-i w t) is the amplitude of a line; `power` (windows, bins, columns) are squares of the amplitudes at the
+    frequencies `grid` [Hz]; `spin` [turns/s] and `length` [s] belong to the windows.
+    """
+
+    values: list[Array]
+    power: Array
+    grid: Array
+    spin: Array
+    length: Array
+    period: float
+    columns: tuple[str, ...]
+
+    def apart(self, frequency: float, width: float) -> NDArray[np.bool_]:
+        """Return the windows in which no multiple of the spin speed is within `width` / length of a frequency."""
+        return np.asarray(rotor_gap(self.spin, np.array([frequency]))[:, 0] > width / self.length)
+
+    def at(self, frequency: float, windows: NDArray[np.bool_]) -> Complex:
+        """Return the amplitudes of exp(i w t) times two, (windows, columns)."""
+        own = [self.values[k] for k in np.flatnonzero(windows)]
+        longest = max((len(values) for values in own), default=0)
+        phase = np.exp(-2j * math.pi * frequency * self.period * np.arange(longest))
+        return np.array([phase[: len(values)] @ values for values in own])
+
+
+def tapered(data: Samples, windows: Windows, period: float, highest: float) -> Spectra | None:
+    """Return the spectra of windows that lack no sample, spread over a recording; None if there are too few.
+
+    `period` is the sampling period [s], `highest` the highest frequency of interest [Hz].
+    """
+    whole = np.flatnonzero(
+        (windows.duration >= SHORTEST)
+        & (np.abs(windows.samples - windows.duration / period) < 1.5)
+        & ~windows.moving
+    )
+    if len(whole) < FEWEST:
+        return None
+    whole = whole[np.linspace(0, len(whole) - 1, min(len(whole), _MOST_WINDOWS)).astype(np.int64)]
+    columns = _READ if data.commanded is None else (*_READ, *COMMANDED)
+    # one grid for all: a window is padded with zeros
+    size = 2 ** math.ceil(math.log2(float(windows.samples[whole].max()) * 2.0))
+    grid: Array = np.asarray(np.fft.rfftfreq(size, period), dtype=np.float64)
+    top = int(np.searchsorted(grid, highest))
+    values, power, tapers = [], [], {}
+    for k in whole:
+        first = int(np.searchsorted(data.time, windows.start[k] + 0.5 * period))
+        own = slice(first, first + int(windows.samples[k]))
+        n = own.stop - own.start
+        rows = np.column_stack([data.readings[name][own] for name in _READ])
+        if data.commanded is not None:
+            rows = np.column_stack([rows, *(data.commanded.at(own, axis) for axis in (0, 1))])
+        if n not in tapers:
+            window = taper(n)
+            tapers[n] = (2.0 * window / window.sum())[:, None]
+        rows = (rows - rows.mean(axis=0)) * tapers[n]
+        values.append(rows)
+        power.append(np.abs(np.fft.rfft(rows, size, axis=0)[:top]) ** 2)
+    return Spectra(
+        values,
+        np.array(power),
+        grid[:top],
+        windows.mean_spin[whole] / (2.0 * math.pi),
+        windows.duration[whole],
+        period,
+        columns,
+    )
+
+
+def rotor_gap(spin: Array, frequencies: Array) -> Array:
+    """Return the distance of frequencies [Hz] from the next multiple of spin speeds [turns/s] (speeds, frequencies)."""
+    turns = spin[:, None, None] * _ROTOR_ORDERS
+    gap: Array = np.abs(frequencies[None, :, None] - turns).min(axis=2)
+    return gap
+
+
+_MOTION_KNOWN = 0.05  # relative uncertainty of the rotor's response: constants, and instants of the readings
+_STIFF = 0.15  # of the gyroscopic torque: below it the rotor resonates, and its response is unknown
+#: Distances from a line at which the response of the readings is measured, over 1/length.
+_BESIDE = (5.0, 6.5, 8.0, 9.5, 11.0)
 
 
 def line_amplitudes(
@@ -60,7 +142,7 @@ def line_amplitudes(
     spin = 2.0 * math.pi * spectra.spin[chosen]
     known = spectra.columns[-1] == COMMANDED[-1]
     if known:
-        # what the reading makes of what was commanded: as it does at the frequencies around, where there is no hum
+        # the readings' response to the commands, from the frequencies around, where there is no hum
         length = float(np.median(spectra.length))
         beside = [frequency + sign * d / length for sign in (-1.0, 1.0) for d in _BESIDE]
         sums = np.zeros(2, dtype=complex)
@@ -71,20 +153,13 @@ def line_amplitudes(
                 sums += (np.vdot(rows[:, c], rows[:, r]), np.vdot(rows[:, c], rows[:, c]))
         gain = sums[0] / sums[1] if abs(sums[1]) > 0.0 else 1.0
         left = [at[r] - gain * at[c] for r, c in _pairs()]
-        scatter = math.sqrt(
-            np.mean(
-                [
-                    np.mean(np.abs(rows[:, r] - gain * rows[:, c]) ** 2)
-                    for rows in around.values()
-                    for r, c in pairs
-                ]
-            )
-        )
+        rest = [np.abs(rows[:, r] - gain * rows[:, c]) ** 2 for rows in around.values() for r, c in pairs]
+        scatter = math.sqrt(np.mean([np.mean(square) for square in rest]))
         size, error = _mean_size(left, [np.full(len(left[0]), scatter)] * 2)
         gain_error = scatter / math.sqrt(abs(sums[1]))
-        told = math.sqrt(float(np.mean([np.mean(np.abs(at[c]) ** 2) for _, c in _pairs()])))
-        result["coil_voltage"] = (size, math.hypot(error, math.sqrt(0.5) * gain_error * told))
-    # the tilt: what is left once the answer of the rotor to the coils is taken off
+        commanded = math.sqrt(float(np.mean([np.mean(np.abs(at[c]) ** 2) for _, c in _pairs()])))
+        result["coil_voltage"] = (size, math.hypot(error, math.sqrt(0.5) * gain_error * commanded))
+    # the tilt, without the rotor's response to the coils
     drive = [at[c if known else r] for r, c in _pairs()]
     held = min(bench.sample_period, spectra.period)
     forward, backward = _turned(at["tilt_x"], at["tilt_y"])
@@ -120,7 +195,7 @@ def _answer(
     """Return the rotor's response to the coils in the tilt readings, and where it is known.
 
     `voltage` is the amplitude of exp(i omega t) in the voltages x + i y, as read or as commanded for the interval that
-    ends at the stamp; `held` is how long that is [s].
+    ends at the stamp and lasts `held` [s].
     """
     v, half = bench.value, 0.5 * omega * held
     acting = voltage * np.exp(1j * half) * np.sinc(half / math.pi)
@@ -141,7 +216,7 @@ def _chain(bench: Bench, channel: str) -> tuple[float, float, int]:
 
 
 def _mean_size(lines: list[Complex], noise: list[Array]) -> tuple[float, float]:
-    """Return the root mean square amplitude of lines, less what noise adds to it, and its standard error."""
+    """Return the root mean square amplitude of lines less the contribution of noise, and its standard error."""
     square = float(np.mean([np.mean(np.abs(line) ** 2) for line in lines]))
     own = float(np.mean([np.mean(n**2) for n in noise]))
     count = sum(len(line) for line in lines)
@@ -151,14 +226,13 @@ def _mean_size(lines: list[Complex], noise: list[Array]) -> tuple[float, float]:
     return size, spread / (2.0 * size) if size**2 > 0.5 * spread else math.sqrt(spread)
 
 
-#: Frequencies of mains [Hz], and the multiples of them that are looked at.
+#: Frequencies of mains [Hz], and their multiples that are searched.
 MAINS = (50.0, 60.0)
 MULTIPLES = (1, 2, 3)
-_AROUND = 12.0  # over 1/length: how far the level around a line is looked at
+_AROUND = 12.0  # over 1/length: range in which the level around a line is measured
 _WANDERS = 0.012  # part by which the frequency of a mains may be off
-_SEEN = (
-    0.3  # share of a hum in the amplitude of a window from which on it is the same in all windows of a speed
-)
+#: Share of a hum in the amplitude of a window from which on it is the same in all windows of a speed.
+_SEEN = 0.3
 
 
 @dataclass(frozen=True)
@@ -187,22 +261,10 @@ class Line:
 
 
 def find_lines(data: Samples, windows: Windows, bench: Bench) -> list[Line]:
-    """Look for hum at the mains frequencies that the bench states and that are usual.
+    """Look for hum in the steady windows of a recording at the mains frequencies that the bench states and usual ones.
 
-    Parameters
-    ----------
-    data : Samples
-        The recording.
-    windows : Windows
-        Its steady windows.
-    bench : Bench
-        The bench as stated.
-
-    Returns
-    -------
-    list of Line
-        One for every multiple of a mains frequency at which hum was found, and for the stated frequency in any case
-        where its presence can be decided.
+    There is one line for every multiple of a mains frequency at which hum was found, and for the stated frequency in
+    any case where its presence can be decided.
     """
     stated = bench.value("mains_frequency")
     highest = 1.05 * max(MULTIPLES) * max(stated, *MAINS)
@@ -240,7 +302,7 @@ def _line(spectra: Spectra, mains: float, multiple: int, bench: Bench, *, asked:
     rotor = gap < MAIN_LOBE / spectra.length[apart][:, None]
     around = np.where(rotor[:, :, None], np.nan, power[:, beside])
     with np.errstate(invalid="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a window in which nothing is left
+        warnings.simplefilter("ignore", RuntimeWarning)  # a window without values
         level = _typical(around)
     count = np.isfinite(level).all(axis=1)
     if count.sum() < FEWEST:
@@ -265,7 +327,7 @@ def _line(spectra: Spectra, mains: float, multiple: int, bench: Bench, *, asked:
     chosen = np.zeros(len(apart), dtype=bool)
     chosen[use] = True
     amplitudes = line_amplitudes(spectra, chosen, frequency, np.sqrt(level[count]), bench)
-    # what is the answer of the loop, and nothing else, is no hum of the reading
+    # the response of the loop alone is no hum of the reading
     found = {c for c in found if c in amplitudes and amplitudes[c][0] > CLEAR_HUM * amplitudes[c][1]}
     snr = max(best[0] - 1.0, 1e-3) * int(count.sum())
     error = math.sqrt(6.0) / (math.pi * length * math.sqrt(snr))
@@ -289,20 +351,10 @@ def _peak(grid: Array, power: Array, k: int) -> float:
 
 
 def hum_variance(lines: list[Line], windows: Windows) -> Array:
-    """Return the variance that hum adds to the amplitudes of exp(i h theta) in tilt and coil voltages.
+    """Return the variance that hum adds to the amplitudes of exp(i h theta) in tilt [rad²] and coil voltages [V²].
 
-    Parameters
-    ----------
-    lines : list of Line
-        The lines that were found.
-    windows : Windows
-        The windows.
-
-    Returns
-    -------
-    ndarray (n, 2, orders)
-        In the tilt [rad²] and the coil voltages [V²], for the orders `FORWARD`. What is nearly the same in several
-        windows counts as many times, so that their mean is not known better than one of them.
+    The result is (n, 2, orders), for the orders `FORWARD`. Hum that is nearly the same in several windows counts as
+    many times, so that their mean is not known better than one of them.
     """
     result = np.zeros((len(windows), 2, len(FORWARD)))
     for line in lines:
@@ -313,18 +365,15 @@ def hum_variance(lines: list[Line], windows: Windows) -> Array:
             times = np.where(alike, float(np.count_nonzero(alike)), 1.0)
             for column, channel in enumerate(("tilt", "coil_voltage")):
                 if channel in line.found:
-                    # both axes have it alike: half of |1 + i|² of the square turns forward
+                    # both axes have the same hum: half of |1 + i|² of the square turns forward
                     result[:, column, k] += 0.5 * (line.amplitudes[channel][0] * share) ** 2 * times
     return result
 
 
-def untold(windows: Windows, mains: float) -> str:
+def unobservable(windows: Windows, mains: float) -> str:
     """Return why the presence of hum of a mains frequency cannot be decided; empty if it can.
 
-    Returns
-    -------
-    str
-        ``rotor``: it is at a multiple of the speed in all windows; ``short``: there are too few whole windows.
+    ``rotor``: it is at a multiple of the speed in all windows; ``short``: there are too few whole windows.
     """
     long = windows.duration >= SHORTEST
     if np.count_nonzero(long & ~windows.moving) < FEWEST:

@@ -1,7 +1,6 @@
 """The instruments as the samples show them: hum, steps of the converters, the clock; and deviations from the bench.
 
-None of it causes a torque, so none of it is an effect and the verdict does not depend on it. It makes the rows of the
-balance noisier, as far as it is present.
+They cause no torque, so they are no effects and do not change the verdict. They make the rows of the balance noisier.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from gyrowheel_analysis.criteria import (
     STEP_PART,
 )
 from gyrowheel_analysis.reduction.clock import Stamps, read_stamps
-from gyrowheel_analysis.reduction.hum import Line, find_lines, hum_variance, untold
+from gyrowheel_analysis.reduction.hum import Line, find_lines, hum_variance, unobservable
 from gyrowheel_analysis.reduction.quality import READING_NOISES, readable
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.windows import Windows
@@ -36,20 +35,20 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-_PIECES, _LENGTH = 4, 2000  # samples that are looked at, in pieces of the recording
-_ROUNDING = 32.0  # of the last digit of the largest value: smaller changes are none
-_NEAR = 0.02  # of a step: how far from a whole number of steps a change may be
+_PIECES, _LENGTH = 4, 2000  # examined pieces of the recording, and samples in each
+_ROUNDING = 32.0  # of the last digit of the largest value: smaller changes count as zero
+_NEAR = 0.02  # of a step: largest distance of a change from a whole number of steps
 _MOST_OFF = 0.01  # of the changes
 _TRIES = 3  # gaps between those that are tried as a step
-_FEWEST = 10  # changes; a reading that stays has any step
-_SINGLE = 2.0**-22  # of the largest value: the digits of numbers in single precision, as files may hold them
+_FEWEST = 10  # changes; a constant reading is a multiple of any step
+_SINGLE = 2.0**-22  # of the largest value: the digits of numbers in single precision, which some files have
 
 
 def steps(readings: Readings) -> dict[str, float]:
     """Return the step of every reading that changes by whole steps, by name [SI].
 
-    The zero of the steps is free. A step far below the noise is found too, unless so few values are near each other
-    that no two of them are neighbours.
+    The zero of the steps is free. A step far below the noise is found too, unless the values are so sparse that no two
+    of them are neighbours.
     """
     found = {}
     for name in READINGS:
@@ -58,7 +57,7 @@ def steps(readings: Readings) -> dict[str, float]:
         changes = np.concatenate([np.diff(values[start : start + _LENGTH]) for start in starts])
         changes = changes[np.isfinite(changes)]
         if name == "spin_angle":
-            changes = changes[changes >= 0.0]  # a turn need not be a whole number of steps
+            changes = changes[changes >= 0.0]  # a turn is not always a whole number of steps
         if np.count_nonzero(changes) < _FEWEST:
             continue
         digit = float(np.finfo(np.float64).eps) * float(np.nanmax(np.abs(values), initial=0.0))
@@ -69,10 +68,7 @@ def steps(readings: Readings) -> dict[str, float]:
 
 
 def _step(values: Array, digit: float) -> float:
-    """Return the step of which nearly all of sorted values are whole multiples; 0 if they are of none.
-
-    `digit` is the size of their rounding.
-    """
+    """Return the step of which nearly all of sorted values, rounded to `digit`, are whole multiples; 0 if none is."""
     gaps = np.diff(values, prepend=0.0)
     gaps = np.sort(gaps[gaps > digit])
     # where values are many, the smallest gap is one step, unless a value is off
@@ -102,9 +98,9 @@ class Shown:
     Attributes
     ----------
     lines : tuple of Line
-        Hum at multiples of the mains; that at the stated frequency wherever it can be measured.
-    untold : str
-        Why hum at the stated frequency cannot be measured, as `hum.untold` returns it.
+        Hum at multiples of the mains; at the stated frequency wherever it can be measured.
+    hum_unknown : str
+        Reason why hum at the stated frequency cannot be measured (`hum.unobservable`).
     steps : dict of str to float
         Step of each reading that changes by whole steps, by reading [SI].
     noise : dict of str to float
@@ -118,7 +114,7 @@ class Shown:
     """
 
     lines: tuple[Line, ...] = ()
-    untold: str = ""
+    hum_unknown: str = ""
     steps: dict[str, float] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)
     stamps: Stamps | None = None
@@ -128,15 +124,8 @@ class Shown:
     def weighed(self, windows: Windows, elsewhere: Sequence[Shown] = ()) -> Windows:
         """Return the windows with the noise that hum and steps add.
 
-        The rounding is in the noise of a reading where that is measured: not of the coil voltages without commands.
-
-        Parameters
-        ----------
-        windows : Windows
-            The windows.
-        elsewhere : sequence of Shown
-            What other recordings of the machine show: their hum is there too, even where a speed of this recording
-            covers it.
+        Hum that recordings of the same machine `elsewhere` show counts too, even where a speed of this recording
+        conceals it. Rounding is in the measured noise of a reading, but not in that of coil voltages without commands.
         """
         if not len(windows):
             return windows
@@ -150,43 +139,33 @@ class Shown:
         )
 
     def _lines_with(self, elsewhere: Sequence[Shown]) -> list[Line]:
-        """Return its lines, and what other recordings show beyond them; of several the first."""
+        """Return its lines, and the lines of other recordings beyond them; of several the first."""
         lines = list(self.lines)
         for line in (line for other in elsewhere for line in other.lines):
-            told = {
+            known = {
                 channel
                 for own in lines
                 if (own.mains, own.multiple) == (line.mains, line.multiple)
                 for channel in own.found
             }
-            if further := line.found - told:
+            if further := line.found - known:
                 lines.append(replace(line, found=further))
         return lines
 
 
 def look(data: Samples, windows: Windows, bench: Bench) -> Shown:
-    """Look at what samples show of the instruments.
-
-    Parameters
-    ----------
-    data : Samples
-        The recording.
-    windows : Windows
-        Its steady windows.
-    bench : Bench
-        The bench as stated.
-    """
+    """Return the instruments as the samples of a recording and its steady windows show them; `bench` is as stated."""
     period = data.period(bench.sample_period)
     stamps = None if data.sequence is None else read_stamps(data, data.sequence, period)
     if stamps is not None and period != bench.sample_period:
-        stamps = replace(stamps, stated=stamps.period)  # nothing states the rate of another logger
+        stamps = replace(stamps, stated=stamps.period)  # the rate of another logger is stated nowhere
     if not len(windows):
         return Shown(stamps=stamps)
     if data.absent:
         data, _, _ = readable(data, bench)
     return Shown(
         tuple(find_lines(data, windows, bench)),
-        untold(windows, bench.value("mains_frequency")),
+        unobservable(windows, bench.value("mains_frequency")),
         steps(data.readings),
         dict(zip(READING_NOISES, windows.reading_noise[0].tolist(), strict=True)),
         stamps,
@@ -200,7 +179,7 @@ Remark = Literal["", "sampled", "stamped", "hidden", "stamps_off", "sampling_off
 
 @dataclass(frozen=True)
 class ReadingFinding:
-    """Something about an instrument that the samples show, and that is not as the bench states it.
+    """A property of an instrument, as the samples show it, that differs from the bench file.
 
     Attributes
     ----------
@@ -217,17 +196,17 @@ class ReadingFinding:
     unit : str
         SI unit.
     delta_chi2 : float or None
-        Square of the difference in standard errors; None for steps, which are there or not.
+        Square of the difference in standard errors; None for steps, which are certain.
     recording : str
-        In which recording it shows most clearly.
+        The recording that shows it most clearly.
     frequency : float or None
         Of a hum [Hz].
     multiple : int
-        Which multiple of the mains frequency it is.
+        Multiple of the mains frequency.
     remark : str
-        Of jitter: whether the samples are taken when the stamps say (``sampled``), only the stamps scatter
-        (``stamped``), or the samples jitter and the stamps do not show it (``hidden``). Of the rate: whether the
-        reading of the speed goes with the count of the samples (``stamps_off``) or with the stamps (``sampling_off``).
+        Of jitter: the samples are taken at their stamps (``sampled``), only the stamps scatter (``stamped``), or the
+        samples jitter and the stamps do not show it (``hidden``). Of the rate: the reading of the speed agrees with the
+        count of the samples (``stamps_off``) or with the stamps (``sampling_off``).
     """
 
     name: str
@@ -252,26 +231,16 @@ class ReadingFindings:
     ----------
     found : tuple of ReadingFinding
         The deviations.
-    untold : tuple of (str, str)
-        Recordings in which hum at the stated mains frequency cannot be measured, and why (`reduction.hum.untold`).
+    hum_unknown : tuple of (str, str)
+        Recordings in which hum at the stated mains frequency cannot be measured, and why (`hum.unobservable`).
     """
 
     found: tuple[ReadingFinding, ...] = ()
-    untold: tuple[tuple[str, str], ...] = ()
+    hum_unknown: tuple[tuple[str, str], ...] = ()
 
 
 def reading_findings(shown: Sequence[Shown], names: Sequence[str], bench: Bench) -> ReadingFindings:
-    """Return the deviations of the instruments from the bench that the samples of recordings show.
-
-    Parameters
-    ----------
-    shown : sequence of Shown
-        The instruments as each recording shows them.
-    names : sequence of str
-        The recordings.
-    bench : Bench
-        The bench as stated.
-    """
+    """Return the deviations of the instruments from the bench as stated, given the `shown` ones of recordings."""
     clearest: dict[tuple[str, int, float], ReadingFinding] = {}
     for own, name in zip(shown, names, strict=True):
         for item in (*_hums(own, name, bench), *_steps(own, name, bench), *_clock(own, name, bench)):
@@ -280,7 +249,7 @@ def reading_findings(shown: Sequence[Shown], names: Sequence[str], bench: Bench)
                 clearest[key] = item
     return ReadingFindings(
         tuple(clearest.values()),
-        tuple((name, own.untold) for own, name in zip(shown, names, strict=True) if own.untold),
+        tuple((name, own.hum_unknown) for own, name in zip(shown, names, strict=True) if own.hum_unknown),
     )
 
 
@@ -293,7 +262,7 @@ def _hums(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:
             stated = bench.value(f"{channel}_hum") if fundamental else 0.0
             if not fundamental and channel not in line.found:
                 continue
-            # an amplitude whose presence is not certain is an upper limit only
+            # an amplitude whose presence is uncertain is only an upper limit
             if channel not in line.found and value + CLEAR_READING * error > stated:
                 continue
             off = abs(value - stated)
@@ -316,17 +285,9 @@ def _mains(line: Line, recording: str, stated: float) -> list[ReadingFinding]:
     chi2 = (off / line.frequency_error) ** 2
     return [
         ReadingFinding(
-            "mains_frequency",
-            "mains",
-            "frequency",
-            line.frequency,
-            line.frequency_error,
-            stated,
-            "Hz",
-            chi2,
-            recording,
+            "mains_frequency", "mains", "frequency", line.frequency, line.frequency_error, stated, "Hz", chi2, recording
         )
-    ]
+    ]  # fmt: skip
 
 
 def _steps(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:

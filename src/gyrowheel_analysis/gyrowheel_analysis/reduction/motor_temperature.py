@@ -26,12 +26,7 @@ _PAUSE = round(PAUSE / _THERMAL_STEP)  # steps without a sample, after which the
 def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array]:
     """Compute the temperatures of the motor's winding and magnets from the recorded current.
 
-    Parameters
-    ----------
-    data : Samples
-        The recording; at its start the motor is assumed to have the air temperature.
-    bench : Bench
-        Gives the heat capacities and thermal resistances (`MOTOR_THERMAL`).
+    At the start of the recording the motor is assumed to have the air temperature.
 
     Returns
     -------
@@ -47,7 +42,7 @@ def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array
         return np.zeros(1), np.full((1, 2), bench.value("air_temperature")), np.zeros((1, 2, len(stated)))
     numbers = ((data.time - data.time[0]) / _THERMAL_STEP).astype(np.int64)
     steps, block = _steps(numbers)
-    # a block without samples has the heating of the one before
+    # a block without samples has the heating of the previous one
     samples = np.bincount(block, minlength=len(steps))
     sums = np.bincount(block, weights=data.readings.motor_current**2, minlength=len(steps))
     known = np.flatnonzero(samples)
@@ -65,13 +60,10 @@ def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array
 
 
 def _steps(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the lengths of blocks [`_THERMAL_STEP`], and in which block each sample is.
+    """Return the lengths of blocks [`_THERMAL_STEP`], and the block of each sample.
 
-    Parameters
-    ----------
-    numbers : ndarray (n,)
-        In which step each sample is, ascending. Steps are blocks of their own; what is behind the first `_PAUSE` ones
-        of a long pause is one block.
+    `numbers` (n,) are the steps of the samples, ascending. A step is one block; the part of a long pause after its
+    first `_PAUSE` steps is a single block.
     """
     count = int(numbers[-1]) + 1
     if count <= _PAUSE:
@@ -80,7 +72,7 @@ def _steps(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     at = np.flatnonzero(ahead > _PAUSE + 1)
     if not len(at):
         return np.ones(count, dtype=np.int64), numbers
-    joined = ahead[at] - _PAUSE - 1  # steps that are one block
+    joined = ahead[at] - _PAUSE - 1  # steps that form one block
     fewer = np.zeros_like(numbers)
     fewer[at + 1] = joined - 1
     block = numbers - np.cumsum(fewer)
@@ -92,14 +84,8 @@ def _steps(numbers: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
 def _warming(power: Array, steps: NDArray[np.int64], parameters: Array) -> Array:
     """Return the temperature rise of winding and magnets (m + 1, 2) [K].
 
-    Parameters
-    ----------
-    power : ndarray (m,)
-        Heating in each block [W].
-    steps : ndarray (m,)
-        Lengths of the blocks [`_THERMAL_STEP`].
-    parameters : ndarray (4,)
-        Values of `MOTOR_THERMAL`.
+    `power` (m,) is the heating in each block [W], `steps` (m,) the length of the blocks [`_THERMAL_STEP`];
+    `parameters` are the values of `MOTOR_THERMAL`.
     """
     winding, resistance, magnets, outer = parameters
     inward, outward = 1.0 / resistance, 1.0 / outer
@@ -113,13 +99,11 @@ def _warming(power: Array, steps: NDArray[np.int64], parameters: Array) -> Array
         fading = np.where(steps == 1, math.exp(value * _THERMAL_STEP), np.exp(value * _THERMAL_STEP * steps))
         heating = gain * (fading - 1.0) / value * power
         pairs = zip(fading.tolist(), heating.tolist(), strict=True)
-        own = list(itertools.accumulate(pairs, _faded, initial=0.0))
-        result += np.array(own)[:, None] * mode[None, :]
+        course = list(
+            itertools.accumulate(pairs, lambda rise, block: block[0] * rise + block[1], initial=0.0)
+        )
+        result += np.array(course)[:, None] * mode[None, :]
     return result
-
-
-def _faded(before: float, block: tuple[float, float]) -> float:
-    return block[0] * before + block[1]
 
 
 def interpolated(time: Array, values: Array, when: float) -> Array:

@@ -1,8 +1,8 @@
 """The instant at which something changed, from the samples themselves.
 
-Windows are seconds long; the samples show more. What coils and motor give, integrated over time, turns
-into angular momentum: a torque that begins bends their difference, which is as quiet as the readings of tilt and speed.
-A reading of the motor that shifts makes a jump in the balance of its voltages, an encoder that slips one in the angle.
+Windows are seconds long, samples are finer. The integral of the torques of coils and motor is angular momentum: a
+torque that begins bends the difference of the two, which is as quiet as the readings of tilt and speed. A reading of
+the motor that shifts makes a jump in the balance of its voltages, an encoder that slips one in the angle.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _BLOCK = 8
 _STEP = 0.01  # s between the instants that are tried
 _BESIDE = 3.0  # s of samples looked at on either side
 _FEWEST = 100  # points
-_LATE = 1.0e-3  # s; by how much a reading may be late without being stated so
-#: Part of the square of a change that nothing else may explain, for it to be identified at all.
+_LATE = 1.0e-3  # s; largest unstated delay of a reading
+#: Part of the square of a change that nothing else explains, below which the change cannot be identified.
 _SHARED = 1.0e-9
 
 
@@ -34,20 +34,9 @@ _SHARED = 1.0e-9
 class _Series:
     """A series that is quiet except for the change.
 
-    Attributes
-    ----------
-    time : ndarray (n,)
-        Times [s].
-    values : complex ndarray (n,)
-        The series.
-    beside : complex ndarray (n, k)
-        Other influences on it.
-    known : ndarray (k,)
-        Prior deviation of the share of each of these; infinite where it is not known.
-    change : complex ndarray (n,)
-        The change per unit, of the values or of their rate.
-    of_rate : bool
-        Whether it is that of their rate: the values bend, and do not jump.
+    `time` [s] and `values` are (n,); `beside` (n, k) are other influences with the prior deviations `known` (k,) of
+    their shares, infinite where unknown; `change` (n,) is the change per unit, of the values or, if `of_rate`, of their
+    rate: the values then bend instead of jumping.
     """
 
     time: Array
@@ -66,25 +55,18 @@ def onset(
     end: float,
     other: float | None = None,
 ) -> tuple[float, float] | None:
-    """Return the instant at which a quantity changed, and its standard error [s].
+    """Return the instant at which a quantity changed, and its standard error [s]; None where the samples hide it.
 
     Parameters
     ----------
-    data : Samples
-        The recording.
-    bench : Bench
-        Its bench.
+    data, bench : Samples, Bench
+        The recording and its bench.
     quantities : sequence of str
         Changed quantities, see `fitting.events.QUANTITIES`: one, or both axes of the same.
     begin, end : float
-        Between which times it changed [s].
+        Range of the time of the change [s].
     other : float, optional
-        When it changed back, or had changed the other way before [s].
-
-    Returns
-    -------
-    tuple of float, or None
-        None where the samples do not show it.
+        Time of the opposite change, before or after [s].
     """
     i, j = np.searchsorted(data.time, (begin - _BESIDE, end + _BESIDE))
     count = (j - i) // _BLOCK
@@ -102,7 +84,7 @@ def onset(
     basis, _ = np.linalg.qr(beside / np.where(size > 0.0, size, 1.0))
 
     def left_of(rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return rows (n,) minus everything that moves them except the change, with its priors."""
+        """Return rows (n,) without all influences except the change, with their priors."""
         padded = np.concatenate([rows, np.zeros(len(basis) - points)])
         return padded - basis @ (basis.conj().T @ padded)
 
@@ -114,7 +96,7 @@ def onset(
     columns = series.change[:, None] * on
     if series.of_rate:
         columns = np.cumsum(columns * step, axis=0)
-    # what is left of a column is needed for its size alone: the values have nothing along the rest of it
+    # projected columns are needed for their sizes alone: the projected values are orthogonal to the removed parts
     along = np.conj(values[:points].conj() @ columns)
     if len(quantities) == 1:
         along = np.real(along)
@@ -124,7 +106,7 @@ def onset(
     best = int(np.argmax(gains))
     left = (values - left_of(columns[:, best]) * along[best] / square[best])[:points]
     noise = _noise(left)
-    # at an end of the range it is something else that grows there
+    # a maximum at an end of the range is something else
     if gains[best] < ONSET_GAIN * noise or not 0 < best < len(at) - 1:
         return None
     likely = gains > gains[best] - noise
@@ -137,7 +119,7 @@ def _squares(columns: NDArray[np.complex128]) -> Array:
 
 
 def _noise(left: NDArray[np.complex128]) -> float:
-    """Return the variance of one part of residuals, times how long they stay alike."""
+    """Return the variance of one part of residuals, times their correlation length."""
     centred = left - left.mean()
     spectrum = np.abs(np.fft.fft(centred, 2 * len(left))) ** 2
     likeness = np.real(np.fft.ifft(spectrum))[: len(left) // 4]
@@ -150,7 +132,7 @@ def _noise(left: NDArray[np.complex128]) -> float:
 
 
 def _rough(values: NDArray[np.complex128]) -> float:
-    """Return the standard deviation of the noise of values that else are smooth."""
+    """Return the standard deviation of the noise of otherwise smooth values."""
     return float(np.sqrt(np.mean(np.abs(np.diff(values, 2)) ** 2) / 6.0))
 
 
@@ -160,7 +142,7 @@ def _mean(values: Any) -> Any:
 
 
 def _series(data: Samples, bench: Bench, quantity: str, i: int, j: int) -> _Series | None:
-    """Return the series that shows the change of a quantity, from samples i .. j-1; None if there is none."""
+    """Return the series that shows the change of a quantity, from samples i .. j-1; None without such a series."""
     make: Callable[[Array, Readings, Bench, str, Any], _Found | None]
     if quantity in ("motor_current", "motor_voltage", "winding_resistance", "motor_constant"):
         make = _voltages
@@ -189,12 +171,12 @@ def _series(data: Samples, bench: Bench, quantity: str, i: int, j: int) -> _Seri
     )
 
 
-#: Values, the change per unit, whether that is of their rate, and what else moves them with how well it is known.
+#: Values, the change per unit, whether that is of their rate, and other influences with their prior deviations.
 _Found = tuple[Any, Any, bool, list[tuple[Any, float]]]
 
 
 def _voltages(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found:
-    """Return the voltage of the motor less what current and speed need."""
+    """Return the voltage of the motor less the voltage that current and speed need."""
     v = bench.value
     volts = (
         own.motor_voltage - v("motor_resistance") * own.motor_current - v("motor_constant") * own.spin_rate
@@ -209,7 +191,7 @@ def _voltages(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any
 
 
 def _angle(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found:
-    """Return the angle less what the speed has turned."""
+    """Return the angle less the integral of the speed."""
     turned = np.cumsum(own.spin_rate * _steps(time))
     angle = np.unwrap(own.spin_angle)
     slow = time - time.mean()
@@ -217,7 +199,7 @@ def _angle(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -
 
 
 def _spin_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found:
-    """Return the angular momentum of the spin less what the motor gave."""
+    """Return the angular momentum of the spin less the integral of the motor's torque."""
     steps, spin = _steps(time), _smooth(own.spin_rate)
     given = np.cumsum(bench.value("motor_constant") * own.motor_current * steps)
     tilted = np.hypot(own.tilt_x, own.tilt_y) ** 2
@@ -233,7 +215,7 @@ def _spin_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn
 
 
 def _tilt_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn: Any) -> _Found | None:
-    """Return the angular momentum across the case axis less what the coils gave, times -i."""
+    """Return the angular momentum across the case axis less the integral of the coils' torque, times -i."""
     v, steps, spin = bench.value, _steps(time), _smooth(own.spin_rate)
     z = np.tan(own.tilt_x) + 1j * np.tan(own.tilt_y)
     axis = z / np.sqrt(1.0 + np.abs(z) ** 2)

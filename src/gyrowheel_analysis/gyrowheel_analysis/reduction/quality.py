@@ -22,10 +22,7 @@ _BLACKMAN_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)
 
 
 def taper(samples: int) -> NDArray[np.float64]:
-    """Return the Blackman-Harris window, periodic, for so many samples.
-
-    It is not taken from SciPy, whose module for it takes longer to load than a recording takes to be reduced.
-    """
+    """Return the periodic Blackman-Harris window; SciPy's module for it loads longer than a reduction takes."""
     angle = np.linspace(-np.pi, np.pi, samples + 1)
     window = sum((part * np.cos(k * angle) for k, part in enumerate(_BLACKMAN_HARRIS)), np.zeros(samples + 1))
     return window[:-1]
@@ -59,20 +56,15 @@ _NOISE_BAND = (0.4, 0.97)  # of half the sampling rate: above every motion, belo
 #: Intervals before and after one whose commands a reading of a coil voltage may show, delayed and filtered.
 _SHOWN_COMMANDS = (-7, 2)
 _SPIKE_ROUNDS = 12
-#: More than so many of them, so many samples about one another, are no spikes: what stays off for a while has happened,
-#: as the answer of the loop to a command that came late. A motion at the edge of a window would go with them.
+#: More of them than the first number within the second number of samples are no spikes but something that happened, as
+#: the response of the loop to a late command, or a motion at the edge of a window.
 _MOST_TOGETHER, _TOGETHER = 3, 10
 
 
 def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ...]]:
     """Return a recording in which every reading is a number.
 
-    Parameters
-    ----------
-    data : Samples
-        The recording; a reading that was not taken is not finite.
-    bench : Bench
-        Gives the state of the air if it was never measured.
+    Readings of `data` that were not taken are not finite; the bench gives the state of air that was never measured.
 
     Returns
     -------
@@ -82,20 +74,20 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
     without : ndarray (m,)
         Times of the dropped samples [s].
     assumed : tuple of str
-        Quantities that were never measured, and what is assumed instead.
+        Quantities that were never measured, and the assumption instead.
     """
     data = _without_frozen(data)
     finite = np.isfinite(data.readings.array)
-    said = origins_in_words(data.origins)
+    substituted = origins_in_words(data.origins)
     if finite.all() and not data.summed:
-        return data, np.zeros(0), said
+        return data, np.zeros(0), substituted
     if data.summed:
-        # an angle summed up from the speed does not show the instants: jitter counts as that of the stamps
+        # an integral of the speed does not show the instants: jitter counts as that of the stamps
         data = replace(data, time=even_times(data.time, data.period(bench.sample_period)))
     readings, assumed = completed(data.time, data.readings, data.absent, bench).copy(), []
     for name in NEEDED:
         if name in data.absent and not np.isfinite(readings[name]).any():
-            readings[name][:] = 0.0  # is compared with nothing
+            readings[name][:] = 0.0  # never compared
     finite = np.isfinite(readings.array)
     for name in _FILLED:
         column = readings[name]
@@ -122,7 +114,7 @@ def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ..
         sequence=None if data.sequence is None else data.sequence[whole],
         commanded=None if data.commanded is None else data.commanded[whole],
     )
-    return read, data.time[~whole], (*in_words(data.absent), *said, *assumed)
+    return read, data.time[~whole], (*in_words(data.absent), *substituted, *assumed)
 
 
 def _without_frozen(data: Samples) -> Samples:
@@ -140,10 +132,10 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
     """Return the standard deviation of the white noise of the readings of `READING_NOISES` [SI], (6,).
 
     It is estimated from the upper part of the spectrum, above every motion, by the median, which ignores lines such as
-    those of the motor ripple. In the coil voltages the controller's response to the noise of its readings reaches into
-    that band; what the commands explain of them is taken out, and without commands they keep the stated noise (at
-    other rates than the loop's see `loop_rate`). So do all readings if too many samples are lost, and a reading whose
-    spectrum is empty.
+    the motor ripple. In the coil voltages the controller's response to the noise of its readings reaches into that
+    band; the part that the commands explain is removed, and without commands the stated noise holds (at other rates
+    than the loop's see `samples.loop_period`). The stated noise also holds for all readings if too many samples are
+    lost, and for a reading whose spectrum is empty.
     """
     stated = np.array([bench.value(name) for name in READING_NOISES])
     shown = [name for names in _NOISE_SHOWN_BY.values() for name in names]
@@ -193,12 +185,12 @@ def reading_noise(data: Samples, bench: Bench) -> Array:
 
 
 def _not_commanded(waves: Any, commands: Any) -> Any:
-    """Return spectra of a voltage (blocks, n) without what the commands of neighbouring intervals explain of them.
+    """Return spectra of a voltage (blocks, n) without the part that commands of neighbouring intervals explain.
 
-    One filter of the `commands` (blocks, n, lags) serves all blocks; each counts alike, however much happens in it.
+    One filter of the `commands` (blocks, n, lags) serves all blocks; each has the same weight, whatever its size.
     """
     size = np.sqrt(np.mean(np.abs(commands) ** 2, axis=(1, 2)))
-    # where nothing was commanded, as before the controller comes, only rounding is left: it must not count
+    # without commands, as before the controller starts, there are only rounding errors: they must not count
     size = np.maximum(size, _COMMANDED * np.max(size, initial=0.0)) + (not size.any())
     design = (commands / size[:, None, None]).reshape(-1, commands.shape[2])
     target = (waves / size[:, None]).ravel()
@@ -216,7 +208,7 @@ def clipped_readings(data: Samples) -> NDArray[np.bool_]:
         values = data.readings[name]
         for end in (values.min(), values.max()):
             at = values == end
-            # a noisy reading reaches its extreme once; one without noise may stay at any value for long
+            # a noisy reading reaches its extreme once; one without noise may stay at any value
             if at.sum() > 20 and not _quantised(values):
                 result |= at
     return result
@@ -235,19 +227,15 @@ def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
     ----------
     readings : ndarray (n, columns)
         Real or complex.
-    design : ndarray (n, terms)
-        Terms that are fitted to each column.
-    gram : ndarray (terms, terms)
-        Inverse of ``design.T @ design``.
+    design, gram : ndarray (n, terms), ndarray (terms, terms)
+        Terms that are fitted to each column, and the inverse of ``design.T @ design``.
 
     Returns
     -------
     readings : ndarray (n, columns)
-        The readings, each spike replaced by the value of the fit to all others. A spike has few others near it.
-    fit : ndarray (columns, terms)
-        Coefficients of the columns of `design`.
-    left : ndarray (n, columns)
-        Residuals of the fit.
+        The readings, each isolated spike replaced by the value of the fit to all others.
+    fit, left : ndarray (columns, terms), ndarray (n, columns)
+        Coefficients of the columns of `design`, and the residuals.
     """
     pseudo, as_read = gram @ design.T, readings
     fit, left = _fitted(readings, design, pseudo)
@@ -261,7 +249,7 @@ def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
             break
         found, changed = found | more, more.any(axis=0)
         if (together := _crowded(found | crowd) & ~crowd).any():
-            # they were taken for spikes as long as only the largest of them stood out
+            # they seemed to be spikes while only the largest of them stood out
             crowd, found = crowd | together, found & ~together
             changed |= together.any(axis=0)
             readings = np.where(changed, as_read, readings)
@@ -285,7 +273,7 @@ def _fitted(readings: Any, design: Array, pseudo: Array) -> tuple[Any, Any]:
 
 
 def _spikes(left: Any) -> NDArray[np.bool_]:
-    """Return which residuals (n, columns) are isolated and far above the others; none in a column with many of them."""
+    """Return which residuals (n, columns) are isolated and far above the others; columns with many such have none."""
     size = np.abs(left)
     if not len(size):
         return np.zeros(size.shape, dtype=bool)

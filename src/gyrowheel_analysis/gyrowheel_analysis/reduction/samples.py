@@ -1,8 +1,8 @@
 """The columns of a recording that the reduction needs, and the rate of the loop that they show.
 
 The loop answers the noise of its readings with voltages that are real torques and move the rotor. A recording at the
-rate of the loop has all of them. One at another rate misses some, or repeats some, so that its average voltage differs
-from the one that acted: the difference is noise.
+rate of the loop has all of them. At another rate it misses or repeats some, so that its average voltage differs from
+the one that acted: the difference is noise.
 """
 
 from __future__ import annotations
@@ -30,14 +30,9 @@ _SAME_RATE = 0.05
 
 @dataclass(frozen=True)
 class Commanded:
-    """Coil voltages that were commanded for the interval that ends with each sample, looked up when they are asked for.
+    """Coil voltages that were commanded for the interval that ends with each sample, looked up on demand.
 
-    Attributes
-    ----------
-    voltages : (ndarray, ndarray)
-        Coil voltages of the commands, x and y [V].
-    places : ndarray of int (n,)
-        Which of the commands was for the interval of each sample.
+    `voltages` has those of all commands, x and y [V]; `places` (n,) the command for the interval of each sample.
     """
 
     voltages: tuple[Array, Array]
@@ -74,15 +69,15 @@ class Samples:
     environment : sequence of Environment
         Known changes of the environment.
     part : (float, float)
-        Between which times steady motion is looked for [s].
+        Range of times in which steady motion is looked for [s].
     sequence : ndarray (n,), optional
         Numbers of the samples, ascending.
     commanded : Commanded, optional
         Coil voltages that were commanded; None where unknown.
     absent : frozenset of str
-        Readings that were never taken; `derived` has their substitutes.
+        Readings that were never taken, with substitutes from `gyrowheel_recording.derived`.
     origins : mapping of str to Origin
-        Where readings come from that no instrument of their own took.
+        Origins of readings that were derived from others.
     """
 
     time: Array
@@ -98,15 +93,15 @@ class Samples:
 
     @property
     def summed(self) -> bool:
-        """Whether the angle is a sum of the speed, with or without pulses that say where it is once in a while."""
+        """Whether the angle is an integral of the speed, with or without pulses as references."""
         origin = self.origins.get("spin_angle")
         return "spin_angle" in self.absent or (origin is not None and origin.pulses > 0)
 
     def period(self, stated: float) -> float:
         """Return the sampling period of the recording [s].
 
-        A recording may be of another rate than the loop of its bench. Where its stamps agree with the `stated` period
-        of the bench, that one holds: by how much the clock is off is for the diagnosis to find.
+        The rate may differ from that of the loop of the bench. Stamps that agree with the `stated` period of the bench
+        give that period: the error of the clock is a matter of the diagnosis.
         """
         one = self._usual_step
         if math.isnan(one) or abs(one / stated - 1.0) < _SAME_RATE:
@@ -116,7 +111,7 @@ class Samples:
 
     @cached_property
     def _usual_step(self) -> float:
-        """Median time from one sample to the next one [s], NaN for a single sample; hours of them are sorted once."""
+        """Median time from one sample to the next one [s], NaN for a single sample; cached, as sorting takes long."""
         steps = self._steps()
         return float(np.median(steps, overwrite_input=True)) if len(steps) else math.nan
 
@@ -131,28 +126,18 @@ class Samples:
 
 _BLOCK, _MOST = 160, 100  # samples, blocks
 _LAGS = 12  # samples before a voltage whose tilts it may answer
-_STEADY = 75.0  # percent of blocks; so many may lie in moves
-_HELD, _AGAIN = (
-    6.0,
-    0.2,
-)  # noises between two samples of one held voltage; part of the steps from which on it is held
-_HIGH = 1.5  # by how much the noise of a loop is stronger at half its rate than on average
+_STEADY = 75.0  # percent of blocks; the rest may lie in moves
+#: Noises between two samples of a held voltage; part of the steps from which on it is held.
+_HELD, _AGAIN = 6.0, 0.2
+_HIGH = 1.5  # noise of a loop at half its rate over its average
 
 
 def loop_period(data: Samples, period: float, bench: Bench) -> float:
     """Return the period of the loop whose voltages a recording shows [s].
 
-    It is that which the bench states, unless the samples say otherwise: where each voltage answers the tilts recorded
-    just before it, the loop runs with the samples; where voltages are repeated, it is slower by that.
-
-    Parameters
-    ----------
-    data : Samples
-        The recording, every reading a number.
-    period : float
-        Its sampling period [s].
-    bench : Bench
-        The bench as stated.
+    The bench's stated period holds unless the samples contradict it: where each voltage answers the tilts recorded just
+    before it, the loop runs at the sampling `period` [s]; where voltages repeat, it is slower by that. Every reading of
+    `data` is a number.
     """
     stated = bench.sample_period
     if abs(period / stated - 1.0) <= OTHER_RATE or len(data.time) < 4 * _BLOCK:
@@ -167,7 +152,7 @@ def loop_period(data: Samples, period: float, bench: Bench) -> float:
         own[f"{name}_x"][blocks] + 1j * own[f"{name}_y"][blocks] for name in ("tilt", "coil_voltage")
     )
     if period > stated:
-        # block by block: the loop answers otherwise at another speed, and in a move its setpoint as well
+        # block by block: the loop differs at another speed, and in a move answers its setpoint as well
         explained = np.percentile([_explained(*block) for block in zip(volts, tilt, strict=True)], _STEADY)
         return period if explained > ANSWERED else stated
     near = _HELD * bench.value("coil_voltage_noise")
@@ -178,7 +163,7 @@ def loop_period(data: Samples, period: float, bench: Bench) -> float:
 
 
 def _explained(volts: Any, tilt: Any) -> float:
-    """Return the part of the fast changes of voltages (n,) that the tilts just before them explain."""
+    """Return the part of the fast changes of voltages (n,) that the preceding tilts explain."""
     answer, cause = np.diff(volts, 2), np.diff(tilt, 2)
     n = len(answer)
     design = np.stack([cause[_LAGS - k : n - k] for k in range(1, _LAGS + 1)], axis=1)
@@ -187,22 +172,16 @@ def _explained(volts: Any, tilt: Any) -> float:
     if not size > 0.0:
         return 0.0
     fit, *_ = np.linalg.lstsq(design, target, rcond=None)
-    # terms explain a part of anything
+    # correction for the part that any terms explain
     left = float(np.linalg.norm(target - design @ fit) ** 2) * len(target) / (len(target) - _LAGS)
     return 1.0 - left / size
 
 
 def unseen_noise(left: Any, noise: float, samples: float) -> float:
-    """Return the noise of a coil voltage as it counts in the average over a window [V].
+    """Return the effective noise of a coil voltage in the average over a window [V].
 
-    Parameters
-    ----------
-    left : complex ndarray (n,)
-        Readings x + i y [V] without slow motion and harmonics.
-    noise : float
-        Noise of a reading [V].
-    samples : float
-        Samples of the recording for every one of the loop.
+    `left` (n,) are the readings x + i y without slow motion and harmonics [V], `noise` is that of a reading [V], and
+    `samples` the number of samples of the recording for each of the loop.
     """
     if abs(samples - 1.0) <= OTHER_RATE:
         return noise

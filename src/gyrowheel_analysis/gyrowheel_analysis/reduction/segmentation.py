@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import CONE_DRIFT, CONE_OFF_SPEED
 from gyrowheel_analysis.reduction.clock import evened
-from gyrowheel_analysis.reduction.coverage import Coverage
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL, motor_temperatures
 from gyrowheel_analysis.reduction.quality import READING_NOISES, clipped_readings, readable, reading_noise
 from gyrowheel_analysis.reduction.samples import Array, Samples, loop_period
@@ -31,6 +30,7 @@ from gyrowheel_analysis.reduction.windows import (
     MEAN,
     MODULATION,
     RISE,
+    Coverage,
     Windows,
     attitude,
 )
@@ -55,11 +55,7 @@ Span = tuple[float, float, int, float]
 
 
 def steady_spans(data: Samples) -> list[Span]:
-    """Return the steady motions.
-
-    They come from the setpoints if there are any, else from the motion itself; those outside the part of the recording
-    that is looked at (`Samples.part`) are left out.
-    """
+    """Return the steady motions within `Samples.part`: from the setpoints if there are any, else from the motion."""
     spans = _spans_from_setpoints(data) if len(data.setpoint_time) else _spans_from_motion(data)
     first, last = data.part
     clipped = [(max(begin, first), min(end, last), segment, turn) for begin, end, segment, turn in spans]
@@ -119,10 +115,7 @@ def _spans_from_motion(data: Samples) -> list[Span]:
 def cone_window(turn: float, spin: float) -> float:
     """Return the length of the windows of a cone [s]: a short arc, but enough whole revolutions.
 
-    Parameters
-    ----------
-    turn, spin : float
-        Precession rate and spin rate [rad/s].
+    `turn` and `spin` are the precession rate and the spin rate [rad/s].
     """
     return min(LONGEST, max(_ARC / turn, SHORTEST, _LEAST_TURN * 2.0 * math.pi / spin))
 
@@ -135,19 +128,14 @@ def window_count(length: float, longest: float, *, cone: bool) -> int:
 def planned_windows(plan: Plan, bench: Bench) -> Windows:
     """Return the windows that a plan would give if the loops followed it exactly, to judge it before it is run.
 
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    bench : Bench
-        Gives the noise, the state of the air and the time constant of the heated coils.
+    The bench gives the noise, the state of the air and the time constant of the heated coils.
     """
     h, noise = bench.sample_period, bench.value
     powers = np.arange(DEGREE + 1)
     rows: list[dict[str, Any]] = []
     warm = 0.0
     for s in plan.segments:
-        # the coils follow the heater within a second and cool with their own time constant
+        # the coils reach the heater's temperature within a second and cool with their own time constant
         cooling = noise("coil_thermal_resistance") * noise("coil_heat_capacity")
         warm = s.environment.preheat or warm * math.exp(-(s.ramp + s.hold) / cooling)
         changed = abs(s.spin - s.spin_from) > SPEED_CHANGE
@@ -197,14 +185,15 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "voltage_ripple": 0.0j,
                     **attitude(s.environment),
                     # variance at the ends of a polynomial of this degree: see `fit_window`
-                    "tilt_rate_variance": 2.0
-                    * (DEGREE + 1) ** 2
-                    / samples
-                    * (noise("tilt_noise") / duration) ** 2,
-                    "spin_acceleration_variance": 2.0
-                    * spin_terms(duration) ** 5
-                    / samples
-                    * (noise("spin_angle_noise") / duration**2) ** 2,
+                    "tilt_rate_variance": (
+                        2.0 * (DEGREE + 1) ** 2 / samples * (noise("tilt_noise") / duration) ** 2
+                    ),
+                    "spin_acceleration_variance": (
+                        2.0
+                        * spin_terms(duration) ** 5
+                        / samples
+                        * (noise("spin_angle_noise") / duration**2) ** 2
+                    ),
                     "reading_noise": np.array([noise(name) for name in READING_NOISES]),
                 }
             )
@@ -226,21 +215,10 @@ def reduce(data: Samples, bench: Bench) -> Windows:
 
 
 def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
-    """Reduce a recording to windows of whole revolutions, and account for what is not used.
+    """Reduce a recording to windows of whole revolutions, in time order, and return the coverage of its steady motion.
 
-    Parameters
-    ----------
-    data : Samples
-        The recording; a reading that is not finite was not taken, see `readable`.
-    bench : Bench
-        Gives the noise of the readings.
-
-    Returns
-    -------
-    windows : Windows
-        In time order; empty if the recording has no steady motion.
-    coverage : Coverage
-        Use of the steady motion.
+    There are no windows without steady motion. A reading that is not finite was not taken, see `readable`; the bench
+    gives the noise of the readings.
     """
     h = data.period(bench.sample_period)
     length = 0.0
@@ -258,7 +236,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
     loop = loop_period(data, h, bench)
 
     def fit(i: int, j: int) -> dict[str, Any] | None:
-        # samples that follow each other faster than the loop show a voltage more than once
+        # samples faster than the loop show a voltage more than once
         return fit_window(data, i, j, (h, min(h, loop), loop), bench, heat, noise)
 
     spans = steady_spans(data)
@@ -294,7 +272,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
 
 
 def _without_samples(time: Array, spans: Sequence[Span]) -> Array:
-    """Return the pauses between samples, and what lies long before the first or after the last one."""
+    """Return the pauses between samples, and the time long before the first or after the last one."""
     found = pauses(time)
     if not len(time):
         return found
@@ -306,7 +284,7 @@ def _without_samples(time: Array, spans: Sequence[Span]) -> Array:
 
 
 def _unbroken(spans: Sequence[Span], paused: Array) -> Iterator[Span]:
-    """Yield the parts of steady motions between pauses; of a pause nobody knows whether it was steady."""
+    """Yield the parts of steady motions between pauses, whose own motion is unknown."""
     for start, stop, segment, turn in spans:
         begin = start
         for last, first in paused[(paused[:, 1] > start) & (paused[:, 0] < stop)].tolist():
@@ -323,7 +301,7 @@ def _window(
     end: float,
     cone_speed: float | None,
 ) -> tuple[dict[str, Any] | None, float, str]:
-    """Return the window between two times, its start, and why there is none (empty: too few samples).
+    """Return the window between two times, its start, and the reason if there is none (empty: too few samples).
 
     The window of a hold that has not settled starts later. That of a cone cannot; it must have reached `cone_speed`.
     """
@@ -348,13 +326,13 @@ def _window(
 
 
 def _why_too_few(time: Array, without: Array, start: float, stop: float, h: float) -> str:
-    """Return why there are too few samples between two times: unread, if with those left out there are enough."""
+    """Return why there are too few samples between two times: unread, if the omitted ones would have sufficed."""
     have, unread = (int(np.diff(np.searchsorted(times, (start, stop)))[0]) for times in (time, without))
     needed = FEWEST_SAMPLES * (stop - start) / h
     return _UNREAD if have < needed <= have + unread else _TOO_FEW
 
 
 def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:
-    """Whether the rotor has reached the speed of a cone: it does not change, and is not at a turning point."""
+    """Whether the rotor has reached the speed of a cone, and is not at a turning point of it."""
     change, mean = row["spin"] @ RISE[:DEGREE], row["spin"] @ MEAN[:DEGREE]
     return abs(change) <= CONE_DRIFT * length and abs(mean - last) <= CONE_OFF_SPEED * last

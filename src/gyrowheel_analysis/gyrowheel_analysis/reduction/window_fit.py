@@ -59,18 +59,14 @@ def fit_window(
 
     Parameters
     ----------
-    data : Samples
-        The recording.
-    i, j : int
-        The samples of the window.
+    data, i, j : Samples, int, int
+        The recording, and the samples of the window.
     periods : (float, float, float)
-        Sampling period of the recording, how long a voltage is held by its stamp, and the period of the loop [s].
+        Sampling period of the recording, duration of a held voltage by its stamp, and the period of the loop [s].
     bench : Bench
         Gives the order of the motor's ripple.
-    heat : tuple of ndarray
-        As `motor_temperatures` returns them.
-    noise : ndarray (6,)
-        As `reading_noise` returns it.
+    heat, noise
+        As `motor_temperatures` and `reading_noise` return them.
 
     Returns
     -------
@@ -144,7 +140,7 @@ def fit_window(
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
     spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
     if data.summed and "spin_rate" not in data.absent:
-        # the sum of the speed walks at random by its noise: the polynomial is fitted to the speed itself
+        # the integral of the speed is a random walk by its noise: the polynomial is fitted to the speed itself
         spin, slope_variance = _of_speed(readings[:, _SPIN].real, legendre[:, :-1], waves, duration)
         slope_variance *= noise[READING_NOISES.index("spin_rate_noise")] ** 2
     slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
@@ -191,11 +187,10 @@ def fit_window(
 
 
 def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, float, float]:
-    """Return the polynomial of a tilt that still moves, the variance of its change, and what is not followed.
+    """Return the polynomial of a tilt that still moves, the variance of its change, and the rest that is not followed.
 
-    The variance is that for noise of unit variance; what is not followed is what `_more` returns. `_FURTHER` more terms
-    follow the motion. Those of high order go into the last ones that are kept: the mean and the change from end to end
-    are preserved.
+    The variance is for noise of unit variance, the rest as `_more` returns it. `_FURTHER` more terms follow the motion.
+    Those of high order go into the last ones that are kept: the mean and the change from end to end are preserved.
     """
     legendre = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)
     design = np.hstack([legendre, waves])
@@ -269,7 +264,7 @@ def _more(x: Array, design: Array, gram: Array, left: Any, degree: int) -> float
 
 
 def _sharp(left: Any, noise: float) -> bool:
-    """Whether complex residuals (n,) stay off at an end, as where a motion begins or ends."""
+    """Whether complex residuals (n,) are large at an end, as where a motion begins or ends."""
     for count in _EDGE_SAMPLES:
         ends, inner = np.array([left[:count], left[-count:]]), left[count:-count]
         blocks = inner[: len(inner) // count * count].reshape(-1, count)

@@ -1,17 +1,17 @@
-"""Windows: motion as polynomials in time and harmonics of the spin angle, voltages as means; and groups of them."""
+"""Windows: motion as polynomials in time and harmonics of the spin angle, voltages as means; groups; and coverage."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import CHANNELS
-from gyrowheel_analysis.criteria import CLEAR_HARMONIC
+from gyrowheel_analysis.criteria import CLEAR_HARMONIC, NEARLY_ALL
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_analysis.reduction.quality import READING_NOISES
 from gyrowheel_analysis.reduction.samples import Array
@@ -25,13 +25,7 @@ UPRIGHT = 0.3 * DEG
 
 
 def speed_groups(spin_rate: Any) -> list[NDArray[np.int64]]:
-    """Return the indices of the windows of each speed, slowest first; speeds within 4 % are the same.
-
-    Parameters
-    ----------
-    spin_rate : ndarray (n,)
-        Spin rates [rad/s], positive.
-    """
+    """Return the indices of the windows of each speed [rad/s], slowest first; speeds within 4 % are the same."""
     rates = np.asarray(spin_rate, dtype=float)
     groups: list[list[int]] = []
     for index in np.argsort(rates, kind="stable"):
@@ -43,13 +37,7 @@ def speed_groups(spin_rate: Any) -> list[NDArray[np.int64]]:
 
 
 def direction_groups(tilt: Any) -> list[NDArray[np.int64]]:
-    """Return the indices of the windows of each octant of tilt direction; upright ones first.
-
-    Parameters
-    ----------
-    tilt : complex ndarray (n,)
-        Tilt angles phi_x + i phi_y [rad].
-    """
+    """Return the indices of the windows of each octant of tilt direction; upright ones first."""
     octant = octants(tilt)
     return [np.flatnonzero(octant == value) for value in np.unique(octant)]
 
@@ -190,7 +178,7 @@ class Windows:
 
     @classmethod
     def of(cls, rows: Sequence[Mapping[str, Any]]) -> Windows:
-        """Return windows from mappings of the attributes, one per window; there may be none."""
+        """Return windows from mappings of the attributes, one per window, possibly none."""
         names = [item.name for item in fields(cls)]
         if rows:
             return cls(**{name: np.array([row[name] for row in rows]) for name in names})
@@ -252,9 +240,9 @@ def without_noise(windows: Windows) -> Windows:
     A torque computed from noise is noise, and whatever multiplies it (a gain, a scale, a damping, a moment of inertia)
     would be fitted to noise. An inertia would be too small by the share of noise in the mean square of the
     accelerations (errors in variables), and so would all other scales. Harmonics that are well above it have noise,
-    too: where many holds repeat one tilt and speed, that noise would in the end say more of all that leaves their
-    mean as it is than what is known beforehand. In holds of one tilt and speed they are therefore those of the mean of
-    these holds, unless one differs from it by more than noise.
+    too: where many holds repeat one tilt and speed, that noise would in the end outweigh the priors of all parameters
+    that leave their mean unchanged. In holds of one tilt and speed they are therefore those of the mean of these holds,
+    unless one differs from it by more than noise.
     """
     v, n = windows.noise, windows.samples
     alike = _alike(windows)
@@ -309,7 +297,7 @@ def _alike(windows: Windows) -> NDArray[np.int64]:
 
 
 def _usual(values: Any, samples: Array, alike: NDArray[np.int64]) -> Any:
-    """Return values (n, ...) as they are on average, by their samples, in the windows that are alike."""
+    """Return the average values (n, ...), weighted by samples, of the windows that are alike."""
     flat = np.asarray(values).reshape(len(alike), math.prod(np.shape(values)[1:]))
     total = np.zeros((int(alike.max(initial=-1)) + 1, flat.shape[1]), dtype=flat.dtype)
     np.add.at(total, alike, flat * samples[:, None])
@@ -332,3 +320,72 @@ def attitude(environment: Environment) -> dict[str, Any]:
         "home_y": second,
         "table_rate": environment.table_rate,
     }
+
+
+_SHOWN = 0.05  # s
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Use of the steady motion in recordings. Steady is all but ramps and the settling after them.
+
+    Attributes
+    ----------
+    recorded : float
+        Length of the recordings [s].
+    used : float
+        Steady motion that lies in windows [s].
+    left_out : dict of str to float
+        Steady motion outside of windows [s], by reason.
+    assumed : tuple of str
+        Quantities that were never measured, and what is assumed instead.
+    """
+
+    recorded: float = 0.0
+    used: float = 0.0
+    left_out: dict[str, float] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def steady(self) -> float:
+        """Steady motion [s]."""
+        return self.used + sum(self.left_out.values())
+
+    @property
+    def complete(self) -> bool:
+        """Whether nearly all of the steady motion is used, and nothing had to be assumed."""
+        return not self.assumed and self.used >= NEARLY_ALL * self.steady
+
+    @classmethod
+    def of(cls, parts: Iterable[Coverage]) -> Coverage:
+        """Return the coverage of several recordings together."""
+        parts = list(parts)
+        recorded, used, left_out = 0.0, 0.0, dict[str, float]()
+        for part in parts:
+            recorded, used = recorded + part.recorded, used + part.used
+            for why, length in part.left_out.items():
+                left_out[why] = left_out.get(why, 0.0) + length
+        # each once, in order
+        assumed = dict.fromkeys(what for part in parts for what in part.assumed)
+        return cls(recorded, used, left_out, tuple(assumed))
+
+    def sentence(self) -> str:
+        """Return it in one sentence."""
+        reasons = [
+            f"{length:.1f} s {why}"
+            for why, length in sorted(self.left_out.items(), key=lambda item: -item[1])
+            if length >= _SHOWN
+        ]
+        never = f"; not measured: {', '.join(self.assumed)}" if self.assumed else ""
+        if not reasons:
+            return (
+                f"All {self.used:.0f} s of steady motion take part (of {self.recorded:.0f} s recorded){never}"
+            )
+        return (
+            f"{self.used:.0f} of {self.steady:.0f} s of steady motion take part (of {self.recorded:.0f} s recorded); "
+            f"left out: {', '.join(reasons)}{never}"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as a JSON object; all in seconds."""
+        return asdict(self) | {"steady": self.steady}

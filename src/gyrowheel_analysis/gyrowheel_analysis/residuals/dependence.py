@@ -1,8 +1,8 @@
 """On which variable a residual depends, and whether it is noise at all: tests that know the slow drift.
 
-Rows and patterns are whitened with the covariance of the noise, drift and all, before anything is judged: readings that
-drift together must not pass for a trend. What a variable explains is judged against what it leaves (F test), so that a
-misfit of another kind does not make it significant; probabilities are multiplied by the number of tests (Bonferroni).
+Rows and patterns are whitened with the covariance of the noise, drift included, before any test: readings that drift
+together must not pass for a trend. The share of a variable is judged against the remainder (F test), so that a misfit
+of another kind does not make it significant; probabilities are multiplied by the number of tests (Bonferroni).
 """
 
 from __future__ import annotations
@@ -30,15 +30,14 @@ from gyrowheel_analysis.criteria import (
     STRONG_EVIDENCE,
 )
 from gyrowheel_analysis.reduction.windows import UPRIGHT, Windows
-from gyrowheel_analysis.residuals.error_table import channel_parts
-from gyrowheel_analysis.residuals.windows import WindowResiduals
+from gyrowheel_analysis.residuals.error_table import WindowResiduals, channel_parts
 from gyrowheel_core.units import DEG, RPM
 
 Array = NDArray[np.float64]
 
 _MOST = 3  # variables together
 _LAGS = 4
-#: Variables that act on coils and case, and those that act on the motor; those that plans set come first.
+#: Variables that act on coils and case, and those that act on the motor; those set by plans come first.
 _OF_TILT = ("speed", "tilt", "azimuth", "temperature", "air_pressure", "time")
 _OF_MOTOR = ("speed", "tilt", "azimuth", "motor_temperature", "air_pressure", "time")
 #: Variables, and the smallest range of each over which anything can depend on it.
@@ -64,17 +63,17 @@ class Dependence:
     variable : str
         Of `VARIABLES`.
     share_of_chi2 : float
-        Part of the sum of squares (whitened) that goes with the variable alone.
+        Part of the sum of squares (whitened) that the variable alone explains.
     share_of_none : float
-        Part of it that goes with no variable: what is constant, or in proportion to the tilt.
+        Part of it that needs no variable: constant, or in proportion to the tilt.
     p : float
-        Probability that noise would go with it as well, times the number of tests.
+        Probability that noise explains as much, times the number of tests.
     chosen : bool
         Whether it is among the few variables that together describe the part best.
     instead : str or None
-        For one that is not: the chosen variable in whose place it would do as well.
+        For one that is not: the chosen variable that it could replace.
     share_beside, p_beside : float
-        The same once what the chosen variables (the others of them) explain is taken away.
+        The same after the other chosen variables.
     """
 
     part: str
@@ -111,11 +110,11 @@ class Whiteness:
     chi2_per_n : float
         Mean square in units of the noise, drift and all.
     p_size : float
-        Probability that noise is as large, if it is `NOISE_TRUST` times what is stated.
+        Probability that noise of `NOISE_TRUST` times the stated size is as large.
     correlation : float
         Of whitened neighbours in time.
     p_order : float
-        Probability that noise has as much order over the next few windows (Ljung and Box).
+        Probability that noise has as much autocorrelation over the next few windows (Ljung and Box).
     """
 
     part: str
@@ -139,13 +138,13 @@ class PartDependence:
     part : str
         Which residual.
     stated : tuple of Dependence
-        On what it depends, largest share first; empty where no variable accounts for it.
+        Its dependences, largest share first; empty where no variable accounts for it.
     instead : tuple of str
-        Variables that would do as well as one of these, which varied along with it.
+        Variables that varied along with one of these and could replace it.
     mostly_plain : bool
         Whether most of it is constant or in proportion to the tilt, and needs no variable.
     larger : bool
-        Whether it is larger than noise; else only its order in time is not that of noise.
+        Whether it is larger than noise; else only its order in time differs from that of noise.
     whiteness : Whiteness
         The test of size and order.
     """
@@ -161,18 +160,9 @@ class PartDependence:
 def dependences(
     data: WindowResiduals, balances: Sequence[Balance], rows: Array, whiten: Callable[[Array], Array]
 ) -> list[Dependence]:
-    """Test every part of the residual against every variable.
+    """Test every part of the residual `rows` (N,) against every variable.
 
-    Parameters
-    ----------
-    data : WindowResiduals
-        The residuals with their windows.
-    balances : sequence of Balance
-        The recordings.
-    rows : ndarray (N,)
-        Residual rows.
-    whiten : callable
-        Divides rows (N, ...) by the square root of the covariance of their noise.
+    `whiten` divides rows (N, ...) by the square root of the covariance of their noise.
     """
     values = _variables(data.windows)
     if len(data.windows) < DEPENDENCE_WINDOWS or not values:
@@ -277,7 +267,7 @@ def _variables(w: Windows) -> dict[str, Array]:
             x = 2.0 * (plain[name] - plain[name].min()) / np.ptp(plain[name]) - 1.0
             result[name] = np.column_stack([x, x**2])
             if turning and name != "speed":
-                # its effect may be larger at a higher speed; of what hardly varies the product is the speed itself
+                # its effect may be larger at a higher speed; for constant variables the product is the speed itself
                 beyond = _beyond(of_speed, x * spin)
                 result[name] = np.column_stack([result[name], beyond])
     return result
@@ -293,8 +283,8 @@ def _patterns(
 ) -> tuple[Callable[[Any], Array], NDArray[np.int64]]:
     """Return a function from functions of a variable to columns over all rows, and the rows of the part.
 
-    The coil torque may be constant, or proportional to the tilt, in phase or across; the motor's rows have an amplitude
-    of their own. Each of these may change with the variable. None stands for no variable.
+    The coil torque may be constant, or proportional to the tilt, in phase or across; the motor's rows have their
+    own amplitudes. Each of these may change with the variable. None stands for no variable.
     """
     w, kind = data.windows, CHANNELS[name]
     rows: dict[str, list[NDArray[np.int64]]] = {row: [] for row in kind.rows}
@@ -326,22 +316,15 @@ def _patterns(
 
 
 class _Squares:
-    """Residual sums of squares of a part after fits of sets of variables.
+    """Residual sums of squares of whitened rows (n,) after fits of sets of variables.
 
-    Parameters
-    ----------
-    rows : ndarray (n,)
-        Whitened rows.
-    base : ndarray (n, k)
-        Whitened columns that belong to no variable.
-    columns : dict of str to ndarray (n, m)
-        Whitened columns of every variable.
+    `base` (n, k) are whitened columns that belong to no variable, `columns` (n, m) those of every variable.
     """
 
     def __init__(self, rows: Array, base: Array, columns: Mapping[str, Array]) -> None:
         self._n = len(rows)
         self._total = float(rows @ rows)
-        # everything that matters is in the triangle of the whole
+        # the triangle of the QR decomposition has all sums of squares
         every = np.hstack([base, *columns.values(), rows[:, None]])
         size = np.linalg.norm(every[:, :-1], axis=0)
         every[:, :-1] /= np.where(size > 0.0, size, 1.0)
@@ -356,7 +339,7 @@ class _Squares:
         self._known: dict[frozenset[str], tuple[float, int]] = {}
 
     def left(self, names: Iterable[str]) -> tuple[float, int]:
-        """Return the sum of squares that variables leave, and how many columns they use."""
+        """Return the remaining sum of squares after variables, and their number of columns."""
         key = frozenset(names)
         if key not in self._known:
             design = np.hstack([self._base, *(self._columns[name] for name in sorted(key))])
@@ -388,7 +371,7 @@ class _Squares:
         return self._misfit(names) + used * math.log(self._n) * self._n / (self._n - used - 2.0)
 
     def _misfit(self, names: Iterable[str]) -> float:
-        """Return the logarithm of what variables leave, as the criterion needs it."""
+        """Return the logarithm of the remainder after variables, as the criterion needs it."""
         names = tuple(names)
         rest, _ = self.left(names)
         if rest <= 0.0:
@@ -396,7 +379,7 @@ class _Squares:
         return self._n * math.log(rest) + (EQUAL_DESCRIPTION if "time" in names else 0.0)
 
     def best(self) -> tuple[str, ...]:
-        """Return the few variables that describe the rows best; of as many that do as well, the plainest."""
+        """Return the few variables that describe the rows best; of equally many and good ones, the plainest."""
         sets = [s for k in range(_MOST + 1) for s in itertools.combinations(self._columns, k)]
         best = min(sets, key=self.criterion)
         limit = self.criterion(best) + STRONG_EVIDENCE
@@ -407,7 +390,7 @@ class _Squares:
         """Return the chosen variable that another can replace; None if it can replace none."""
         if name in chosen or not chosen:
             return None
-        # that it takes more columns is why it was not chosen, not that it explains less
+        # a variable was not chosen because it needs more columns, not because it explains less
         trials = {own: self._misfit({*chosen, name} - {own}) for own in chosen}
         nearest = min(trials, key=lambda own: trials[own])
         return nearest if trials[nearest] < self._misfit(chosen) + EQUAL_DESCRIPTION else None

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.channels import FURTHER, LISTED, TORQUES
+from gyrowheel_analysis.channels import CHANNELS, FURTHER, LISTED, TORQUES, Channel
 from gyrowheel_analysis.criteria import NOISE_REACHED
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared
+from gyrowheel_analysis.reduction.windows import Windows
 
 Array = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ class ErrorRow:
     def is_noise(self, channel: str, floor: ErrorRow) -> bool:
         """Whether a channel's error is down at its noise floor, within `criteria.NOISE_REACHED`.
 
-        The whitened residual decides where it is known: readings that drift together may lie off by chance.
+        The whitened residual decides where it is known: readings that drift together may be off by chance.
         """
         own = self.channels.get(channel)
         if own is not None:
@@ -114,18 +115,9 @@ class ErrorTable:
 
     def to_json(self) -> dict[str, Any]:
         """Return the table as a JSON object."""
-        result: dict[str, Any] = {"unit": self.unit}
-        for name in (
-            "before",
-            "after",
-            "validation_before",
-            "validation_after",
-            "noise_floor",
-            "validation_noise_floor",
-        ):
-            row = getattr(self, name)
-            result[name] = None if row is None else row.to_json()
-        return result
+        names = [f"{part}{name}" for part in ("", "validation_") for name in ("before", "after")]
+        rows = {name: getattr(self, name) for name in (*names, "noise_floor", "validation_noise_floor")}
+        return {"unit": self.unit} | {name: row and row.to_json() for name, row in rows.items()}
 
 
 @dataclass(frozen=True)
@@ -143,7 +135,7 @@ class Residuals:
     channels : dict of str to tuple of ndarray
         Before, after, and standard deviation of the noise, of every torque channel [N m].
     further : dict of str to tuple of ndarray
-        The same of those of `channels.FURTHER` that there are; amplitudes are complex, their noise is that of one part.
+        The same of the `channels.FURTHER` present; amplitudes are complex, their noise is that of one part.
     """
 
     name: str
@@ -157,18 +149,15 @@ class Residuals:
 
 def error_row(balances: Sequence[Balance], rows: Array, white: Array) -> ErrorRow:
     """Return the error row of residual `rows` [units of the rows] whose whitened values are `white`."""
+    white_of = {
+        n: [channel_values(balances, white, row) for row in LISTED[n].rows] for n in channels_of(balances)
+    }
     channels = {
         name: ChannelError(
             channel_rms(balances, rows, name),
-            float(
-                np.mean(
-                    np.concatenate([channel_values(balances, white, row) for row in LISTED[name].rows]) ** 2
-                )
-            )
-            if len(white)
-            else 0.0,
+            float(np.mean(np.concatenate(parts) ** 2)) if len(white) else 0.0,
         )
-        for name in channels_of(balances)
+        for name, parts in white_of.items()
     }
     return ErrorRow(_torques(channels), float(white @ white) / max(len(white), 1), channels)
 
@@ -226,8 +215,10 @@ def residuals(
 ) -> list[Residuals]:
     """Return the residuals of every recording."""
     parts = {
-        name: [_joined(balances, rows, name) for rows in (before, after)]
-        + [_noise(balances, deviation, name)]
+        name: [
+            *(_joined(balances, rows, name) for rows in (before, after)),
+            _noise(balances, deviation, name),
+        ]
         for name in channels_of(balances)
     }
 
@@ -262,7 +253,7 @@ def _noise(balances: Sequence[Balance], deviation: Array, name: str) -> list[Any
 
 @dataclass(frozen=True)
 class Errors:
-    """The error table of two fits, and the residuals behind it."""
+    """The error table of two fits, and its residuals."""
 
     table: ErrorTable
     residuals: list[Residuals]
@@ -293,3 +284,96 @@ def errors_of(before: Fit, after: Fit, prepared: Prepared) -> Errors:
         validation_noise_floor=parts[2],
     )
     return Errors(table, rows)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The residual of one channel in every window.
+
+    Attributes
+    ----------
+    kind : Channel
+        The channel.
+    values : ndarray (n,)
+        Residual, complex for a kind of two rows: the averages in case axes x + i y, amplitudes in axes that turn.
+    sigma : ndarray (n,)
+        Standard deviation of the noise of one row.
+    load : ndarray (n,) or None
+        Prediction of the model [unit of the kind]; None where unknown.
+    """
+
+    kind: Channel
+    values: NDArray[Any]
+    sigma: Array
+    load: NDArray[Any] | None = None
+
+    def at(self, mask: NDArray[np.bool_]) -> Part:
+        """Return the part in some of the windows."""
+        load = None if self.load is None else self.load[mask]
+        return Part(self.kind, self.values[mask], self.sigma[mask], load)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.values) * len(self.kind.rows)
+
+    @property
+    def weight(self) -> Array:
+        """Inverse variance of the noise of each value."""
+        return 1.0 / self.sigma**2
+
+    @property
+    def mean(self) -> complex | float:
+        """Mean residual, weighted with the noise; complex for a kind of two rows."""
+        value = np.sum(self.weight * self.values) / np.sum(self.weight)
+        return complex(value) if np.iscomplexobj(self.values) else float(value)
+
+    @property
+    def squares(self) -> Array:
+        """Square of the residual over that of its noise, for all rows together."""
+        return np.asarray(np.abs(self.values) ** 2 / self.sigma**2)
+
+
+@dataclass(frozen=True)
+class WindowResiduals:
+    """The residuals of all windows of some recordings.
+
+    Attributes
+    ----------
+    windows : Windows
+        The windows.
+    recording : ndarray (n,)
+        Number of the recording of each, from 0.
+    parts : dict of str to Part
+        By the names of `CHANNELS`; without channels that a recording lacks.
+    """
+
+    windows: Windows
+    recording: NDArray[np.int64]
+    parts: Mapping[str, Part]
+
+    @property
+    def chi2(self) -> float:
+        """Sum of the squares of all residuals over their noise."""
+        return sum(float(part.squares.sum()) for part in self.parts.values())
+
+
+def window_residuals(
+    balances: Sequence[Balance], windows: Windows, rows: Array, deviation: Array
+) -> WindowResiduals:
+    """Put the residual rows (N,) of all recordings, with the standard deviation of their noise, together by window."""
+    parts = {}
+    for name, kind in CHANNELS.items():
+        if not all(row in balance.rows for row in kind.rows for balance in balances):
+            continue
+        own: list[Any] = [channel_values(balances, rows, row) for row in kind.rows]
+        noise = [channel_values(balances, deviation, row) for row in kind.rows]
+        values = own[0] + 1j * own[1] if len(own) == 2 else own[0]
+        load = None
+        if name == "tilt" and np.any(windows.coil_voltage):
+            # the prediction: the measured rows contain the residual
+            x, y = (np.concatenate([b.measured[b.row(row)] for b in balances]) for row in kind.rows)
+            load = x + 1j * y - values
+        parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(noise), axis=0)), load)
+    recording = np.repeat(np.arange(len(balances)), [len(balance.windows) for balance in balances])
+    return WindowResiduals(windows, recording, parts)

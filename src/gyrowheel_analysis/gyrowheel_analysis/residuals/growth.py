@@ -1,4 +1,4 @@
-"""The law of a residual: its pattern over the motion, and how its amplitude changes with speed and other variables."""
+"""The law of a residual: its pattern over the motion, and its amplitude over speed and other variables."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ from scipy.optimize import curve_fit
 
 from gyrowheel_analysis.criteria import LAW_EXCESS, LAW_EXCESS_OF_AVERAGE, LAW_OF_TIME, LAW_PLAINER, LAW_SHARE
 from gyrowheel_analysis.reduction.windows import Windows, speed_groups
-from gyrowheel_analysis.residuals.windows import Part, WindowResiduals
+from gyrowheel_analysis.residuals.error_table import Part, WindowResiduals
 from gyrowheel_core.units import DEG
 
 
 def pattern(name: str, w: Windows, load: NDArray[Any] | None = None) -> NDArray[Any]:
-    """Return a way in which a residual may depend on the motion, for an amplitude of one; zero where it is not there.
+    """Return a dependence of a residual on the motion, for an amplitude of one; zero where it is absent.
 
     ``tilt``: the tilt [rad]; ``mirror``: its mirror image; ``square``: its square; ``cube``: its cube;
-    ``rate``: its rate [rad/s];
-    ``load``: what the model asks of the coils [N m]; ``still``: one; ``acceleration``: of the spin [rad/s^2];
-    ``table``: rate of the table about the axes of the case [rad/s]; ``room``: a direction that stands in the room while
-    the rig turns.
+    ``rate``: its rate [rad/s]; ``load``: predicted torque of the coils [N m]; ``still``: one; ``acceleration``: of the
+    spin [rad/s^2]; ``table``: rate of the table about the axes of the case [rad/s]; ``room``: a direction that is fixed
+    in the room while the rig turns.
     """
     z = np.asarray(w.mean_tilt)
     if name == "tilt":
@@ -44,7 +43,7 @@ def pattern(name: str, w: Windows, load: NDArray[Any] | None = None) -> NDArray[
     if name == "table":
         return np.asarray(w.table_rate * w.up_across)
     if name == "room":
-        # where the rig is not turned it is the same as a direction in the case
+        # where the rig is not turned it equals a direction in the case
         return w.home_x if np.ptp(np.angle(w.home_x * np.exp(0.1j))) > 0.1 else np.zeros(len(w))
     return np.ones(len(w))
 
@@ -70,7 +69,7 @@ class BySpeed:
     Attributes
     ----------
     pattern : str
-        Which one, see `growth.pattern`.
+        See `growth.pattern`.
     speed : ndarray (k,)
         The speeds [rad/s], slowest first.
     amplitude : ndarray (k,)
@@ -80,7 +79,7 @@ class BySpeed:
     explained : float
         Part of the sum of squares that the pattern explains.
     sure : ndarray (k,)
-        Inverse variance of the amplitudes: `weight`, but for averages, which may drift together at a speed.
+        Inverse variance of the amplitudes: `weight`, except for averages, which may drift together at a speed.
     """
 
     pattern: str
@@ -109,7 +108,7 @@ class Change:
     Attributes
     ----------
     pattern, variable : str
-        Which ones.
+        The pattern and the variable.
     low, high : float
         Range of the variable [K, atmospheres, 1 or s].
     at_low, at_high : float
@@ -131,18 +130,9 @@ class Change:
 
 
 def by_speed(name: str, part: Part, w: Windows, speeds: Speeds) -> BySpeed | None:
-    """Return a pattern with its amplitude at every speed; None where the windows do not have it.
+    """Return the amplitudes of the pattern `name` in a residual at every speed; None where the windows lack it.
 
-    Parameters
-    ----------
-    name : str
-        The pattern.
-    part : Part
-        The residual in every window.
-    w : Windows
-        The windows.
-    speeds : sequence of ndarray
-        Places of the windows of each speed, see `grouping.speed_groups`.
+    `speeds` are the windows of each speed, see `speed_groups`.
     """
     p, weight = pattern(name, w, part.load), part.weight
     real = not np.iscomplexobj(part.values)
@@ -185,10 +175,8 @@ def linear(name: str, part: Part, w: Windows) -> Iterator[Change]:
     for variable, v in _variables(w, part).items():
         low, high = float(v.min()), float(v.max())
         design = np.column_stack([p * root, p * (v - low) * root])
-        if np.iscomplexobj(part.values):
-            solution, *_ = np.linalg.lstsq(design.astype(complex), part.values * root, rcond=1e-9)
-        else:
-            solution, *_ = np.linalg.lstsq(design.real, part.values * root, rcond=1e-9)
+        own = design.astype(complex) if np.iscomplexobj(part.values) else design.real
+        solution, *_ = np.linalg.lstsq(own, part.values * root, rcond=1e-9)
         ends = np.array([solution[0], solution[0] + solution[1] * (high - low)])
         unit = _direction(complex(ends[int(np.argmax(np.abs(ends)))]), part)
         at = np.real(ends * np.conj(unit))
@@ -256,12 +244,9 @@ def _direction(amplitude: complex, part: Part) -> complex:
 
 
 def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] | None:
-    """Return the exponent of a power law of the speed and its error; None where a power law does not fit.
+    """Return the exponent of a power law of the speed and its standard error; None where a power law does not fit.
 
-    Parameters
-    ----------
-    speed, sizes, weight : ndarray (k,)
-        Speeds [rad/s], sizes at these, and the inverse variance of the sizes.
+    `weight` is the inverse variance of the `sizes` at the speeds [rad/s], all (k,).
     """
     if float(speed.max() / speed.min()) < 1.3:
         return None
@@ -305,7 +290,7 @@ class SpeedLaw:
     Attributes
     ----------
     exponent, exponent_error : float or None
-        Of a power law, with its standard error; None where no power describes it.
+        Of a power law, with its standard error; None where no power law fits.
     constant : bool
         Whether the exponent is zero within its error.
     low, high : float
@@ -339,9 +324,9 @@ class Growth:
     uniform : bool
         Whether the amplitude is nearly the same at every spin rate.
     speed : SpeedLaw or None
-        Its dependence on the spin rate; None where that is not known.
+        Its dependence on the spin rate; None where unknown.
     change : Change or None
-        Its dependence on another variable; None where it has none.
+        Its dependence on another variable, if any.
     """
 
     part: str
@@ -384,7 +369,7 @@ def _law(name: str, data: WindowResiduals) -> Growth | None:
     tried = [d for d in (by_speed(p, part, w, speeds) for p in kind.patterns) if d is not None]
     if not tried:
         return None
-    # of patterns that describe it as well as any other the plainest one, which comes first
+    # of patterns that describe it equally well the plainest one, which comes first
     most = max(d.explained for d in tried)
     best = next(d for d in tried if d.explained > most - LAW_PLAINER * total)
     alone = max(
@@ -393,13 +378,13 @@ def _law(name: str, data: WindowResiduals) -> Growth | None:
         default=None,
     )
     if alone is not None and alone.gain > max(most + LAW_PLAINER * total, half):
-        # two numbers say more than an amplitude for every speed
+        # two numbers are a better description than an amplitude for every speed
         return Growth(name, alone.pattern, None, change=alone)
     other = along_variable(best, part, w, speeds)
     if best.explained + (other.gain if other is not None else 0.0) < half or abs(best.mean) == 0.0:
         return None
     if other is not None and other.gain > best.explained:
-        # the amplitude is hardly ever the mean one, and may change its sign: both ends say what it is
+        # the amplitude is hardly ever the mean one, and may change its sign: both ends describe it
         return Growth(name, other.pattern, None, change=other)
     best = where_usual(best, part, w)
     sizes = best.sizes
@@ -408,7 +393,7 @@ def _law(name: str, data: WindowResiduals) -> Growth | None:
 
 
 def _speed_law(found: BySpeed) -> SpeedLaw | None:
-    """Return the dependence of a size on the spin rate: a power where that describes it, else both ends."""
+    """Return the dependence of a size on the spin rate: a power law where it fits, else both ends."""
     speed, sizes = found.speed, found.sizes
     if len(speed) < 2:
         return None

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.channels import Channel
     from gyrowheel_analysis.residuals.dependence import Dependence, PartDependence
     from gyrowheel_analysis.residuals.growth import Change, Growth, SpeedLaw
-    from gyrowheel_analysis.residuals.regions import Region
+    from gyrowheel_analysis.residuals.maps import Region
 
 #: Titles of the variables on which a residual may depend, in tables, sentences and pictures.
 TITLES = {

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from gyrowheel_analysis.model.history import differences, kept, restored
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.locks import changing
@@ -27,6 +26,135 @@ from gyrowheel_sim.effects import (
     validated,
 )
 from gyrowheel_sim.effects.user_defined import check_name
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
+    """Return the differences between the contents of two model files, a line each; histories are not compared.
+
+    A line begins with ``+`` for an addition, ``-`` for a removal and ``~`` for a change.
+    """
+    lines = []
+    old, new = dict(_flat(before)), dict(_flat(after))
+    for key in [*old, *(k for k in new if k not in old)]:
+        if key not in new:
+            lines.append(f"- {key}: {old[key]}")
+        elif key not in old:
+            lines.append(f"+ {key}: {new[key]}")
+        elif old[key] != new[key]:
+            lines.append(f"~ {key}: {old[key]} -> {new[key]}")
+    return lines
+
+
+def _flat(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "bench", str(content["bench"])
+    for part in ("overrides", "effects"):
+        for name, entry in content[part].items():
+            if "declaration" in entry:
+                for key, value in _flat_declaration(entry["declaration"]):
+                    yield f"{part}.{name}.{key}", value
+                entry = {key: value for key, value in entry.items() if key != "declaration"}
+            items = {"": entry} if "value" in entry else {f".{key}": value for key, value in entry.items()}
+            for key, value in items.items():
+                yield f"{part}.{name}{key}", f"{value['value']:.6g} ± {value['standard_error']:.2g}"
+
+
+def _flat_declaration(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in content.items():
+        if isinstance(value, dict):
+            for inner, text in _flat_declaration(value):
+                yield f"{key}.{inner}", text
+        else:
+            yield key, str(value)
+
+
+#: The parts of a model file that a change may concern.
+PARTS: Final = ("overrides", "effects")
+_BACK, _ORDER = "back", "order"
+
+
+def kept(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the changes that lead from a model file `after` a change back to the one `before` it.
+
+    They are the former values of every override and effect that differs, null for absent ones, and the former order of
+    a part whose order differs.
+    """
+    back: dict[str, Any] = {}
+    order: dict[str, list[str]] = {}
+    for part in PARTS:
+        old, new = before[part], after[part]
+        back[part] = {
+            name: _entry(old.get(name), new.get(name))
+            for name in {**old, **new}
+            if old.get(name) != new.get(name)
+        }
+        if list(_merged(new, back[part])) != list(old):
+            order[part] = list(old)
+    result: dict[str, Any] = {_BACK: back} | ({_ORDER: order} if order else {})
+    whole = {part: before[part] for part in PARTS}
+    again = restored(after, result, "model")
+    # the order of names within an entry may differ too, and the file is to be restored exactly
+    same = all(_order(again[part]) == _order(whole[part]) for part in PARTS)
+    return result if again == whole and same else whole
+
+
+def restored(after: Mapping[str, Any], undo: Any, where: str) -> dict[str, Any]:
+    """Return overrides and effects as they were before a change of a model file.
+
+    Parameters
+    ----------
+    after : mapping
+        The content of the file with the change.
+    undo : Any
+        Result of `kept`, or overrides and effects as a whole, as earlier versions wrote them.
+    where : str
+        Place of `undo`, for the error.
+
+    Raises
+    ------
+    InputError
+        If it is missing, or is neither of the two.
+    """
+    if not isinstance(undo, Mapping):
+        raise InputError(f"{where}: missing; cannot be undone")
+    if _BACK not in undo:
+        return dict(undo)
+    back, order = undo[_BACK], undo.get(_ORDER) or {}
+    if not all(
+        isinstance(own, Mapping) and all(isinstance(own.get(part) or {}, kind) for part in PARTS)
+        for own, kind in ((back, Mapping), (order, Mapping | list))
+    ):
+        raise InputError(f"{where}: is not what a change keeps; cannot be undone")
+    found = {}
+    for part in PARTS:
+        merged = _merged(after[part], back.get(part) or {})
+        first = [name for name in order.get(part) or () if isinstance(name, str) and name in merged]
+        found[part] = {name: merged[name] for name in [*first, *merged]}
+    return found
+
+
+def _entry(old: Mapping[str, Any] | None, new: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Return the changed part of an entry; all of it if it is gone, None if it was absent."""
+    if old is None or new is None:
+        return None if old is None else dict(old)
+    return {key: old.get(key) for key in {**old, **new} if old.get(key) != new.get(key)}
+
+
+def _merged(new: Mapping[str, Any], back: Mapping[str, Any]) -> dict[str, Any]:
+    found = dict(new)
+    for name, entry in back.items():
+        if entry is None:
+            found.pop(name, None)
+        elif isinstance(entry, Mapping):
+            own = {**found.get(name, {}), **entry}
+            found[name] = {key: value for key, value in own.items() if value is not None}
+        else:  # left to the schema, which refuses it
+            found[name] = entry
+    return found
+
+
+def _order(part: Mapping[str, Any]) -> list[tuple[str, list[str]]]:
+    return [(name, list(entry)) for name, entry in part.items()]
+
 
 SCHEMA = 1
 
@@ -51,7 +179,7 @@ ValueEntry = Annotated[Estimate, BeforeValidator(_with_its_error)]
 
 
 class EffectEntry(BaseModel):
-    """An effect: its coefficients by name, and its declaration if it is a user's own."""
+    """An effect: its coefficients by name, and its declaration if it is user-defined."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
     __pydantic_extra__: dict[str, ValueEntry]
@@ -60,7 +188,7 @@ class EffectEntry(BaseModel):
 
     @property
     def coefficients(self) -> dict[str, Estimate]:
-        """The coefficients that the file gives."""
+        """The coefficients in the file."""
         return dict(self.__pydantic_extra__)
 
     @property
@@ -90,7 +218,7 @@ class ModelFile(Section):
     history: Annotated[list[HistoryEntry], BeforeValidator(_or_none)] = Field(default_factory=list)
 
 
-#: Checksums of the model files as this process wrote them last.
+#: Checksums of the model files as last written by this process.
 _WRITTEN: dict[Path, str] = {}
 
 
@@ -102,10 +230,7 @@ def _checksum(text: str) -> str:
 class Override:
     """A bench parameter with a value estimated from recordings.
 
-    Attributes
-    ----------
-    value, standard_error : float
-        Value and its standard error [SI].
+    `value` and `standard_error` are in SI units.
     """
 
     value: float
@@ -166,11 +291,11 @@ class Model:
 
     @property
     def reference_bench(self) -> Bench:
-        """The prior: the bench as it is believed before a recording is analysed.
+        """The prior: the bench before a recording is analysed.
 
-        It is the stated bench with two exceptions. A calibrated parameter has its calibrated value and standard
-        error. A parameter whose error was added to the model has the estimated value, with the stated uncertainty.
-        Other fitted parameters keep their stated values; otherwise their recordings would count twice.
+        It is the stated bench with two exceptions. A calibrated parameter has its calibrated value and standard error.
+        A parameter whose error was added to the model has the estimated value, with the stated uncertainty. Other
+        fitted parameters keep their stated values; otherwise their recordings would count twice.
         """
         bench = self.stated_bench
         for index, entry in enumerate(self.history):
@@ -187,7 +312,7 @@ class Model:
 
     @property
     def library(self) -> dict[str, Effect]:
-        """Every effect that the model can have: the registered ones and those that it declares."""
+        """Every possible effect of the model: the registered ones and those that it declares."""
         return {**self.declared, **registry()}
 
     @classmethod
@@ -256,13 +381,13 @@ class Model:
         return {"declaration": effect_to_mapping(self.declared[name])} if name in self.declared else {}
 
     def save(self, path: str | Path) -> None:
-        """Write the model file; it is whole or as it was before.
+        """Write the model file, completely or not at all.
 
         Raises
         ------
         InputError
-            If the file cannot be written, or it is the one that the model was read from and somebody else has changed
-            it since: their change would be lost. If it would be longer than a file that is read.
+            If the file cannot be written, it would be too long to be read, or it is the one that the model was read
+            from and somebody else has changed it since: their change would be lost.
         """
         file = Path(path).absolute()
         content = self.to_mapping() | {"bench": self._bench_beside(file)}
@@ -286,7 +411,7 @@ class Model:
             _WRITTEN[file] = _checksum(text)
 
     def _bench_beside(self, file: Path) -> str:
-        """Return the name of the bench in a model file, such that it means the same bench for every reader."""
+        """Return a name of the bench for a model file that means the same bench to every reader."""
         place = Path(self.stated_bench.origin)
         if self.bench_source in Bench.shipped() or not place.is_file():
             return self.bench_source
@@ -305,7 +430,7 @@ class Model:
         effect_errors: EffectValues,
         declared: Mapping[str, Effect] | None = None,
     ) -> Model:
-        """Return the model with other content and an entry in its history, which keeps what it needs to be undone.
+        """Return the model with other content and an entry in its history, which has the data to undo the change.
 
         `declared` has declarations of effects that are new to it.
         """
