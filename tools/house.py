@@ -82,7 +82,7 @@ HOUSE = (
             ("fitting", "torques", "capability"),
             ("residuals", "signature"),
             ("diagnosis", "drag", "compare", "rate_sensor"),
-            ("add", "calibrate"),
+            ("add", "calibrate", "estimation"),
             ("nodes",),
         ),
     ),
