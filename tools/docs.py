@@ -28,12 +28,12 @@ from gyrowheel.momentum_envelope.picture import body_figure, caps_figure
 from gyrowheel.show.figure import png_bytes
 from gyrowheel.show.formulas import in_words, pretty
 from gyrowheel.show.layout import plain_text
-from gyrowheel.show.quantities import minus, quantity, span
 from gyrowheel_analysis.fitting.fit import ERRORS
 from gyrowheel_analysis.signature import Signature, signature
 from gyrowheel_control.plans.adaptation import plan_template
 from gyrowheel_control.plans.format import Block, PlanFile
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.quantities import minus, quantity, span
 from gyrowheel_core.schema import Section, keys
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench

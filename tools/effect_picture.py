@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import Picture
-from gyrowheel.show.style import (
+from gyrowheel.show.figure import (
     BLUE,
     DARK,
     FAINT,
@@ -24,6 +23,7 @@ from gyrowheel.show.style import (
     TICK,
     VERMILION,
     ZERO,
+    Picture,
     style,
 )
 from gyrowheel_analysis.signature import RINGS, Curve, Signature

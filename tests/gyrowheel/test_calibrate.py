@@ -24,7 +24,7 @@ def cone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "cone"
 
 
-def test_it_shows_and_writes_only_when_asked(gyrowheel: Shell, cone: Path, tmp_path: Path):
+def test_constants_are_shown_and_written_only_on_request(gyrowheel: Shell, cone: Path, tmp_path: Path):
     model = tmp_path / "model.yaml"
     gyrowheel.good("model", "new", "--model", model)
     before = model.read_bytes()
@@ -44,7 +44,7 @@ def test_it_shows_and_writes_only_when_asked(gyrowheel: Shell, cone: Path, tmp_p
     assert model.read_bytes() == before
 
 
-def test_what_cannot_be_calibrated_is_said(gyrowheel: Shell, cone: Path, tmp_path: Path):
+def test_undetermined_constants_are_reported(gyrowheel: Shell, cone: Path, tmp_path: Path):
     model = tmp_path / "model.yaml"
     gyrowheel.good("model", "new", "--model", model)
     record_simulation(tmp_path / "short", Bench.load(), Scenario.nominal(), Plan.load(SHORT_PLAN))

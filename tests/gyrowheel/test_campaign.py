@@ -20,9 +20,8 @@ from gyrowheel.campaigns import workers
 from gyrowheel.campaigns.cases import Campaign, Case, cases
 from gyrowheel.campaigns.hidden import LARGEST, Secret, Yardstick, hide, yardstick
 from gyrowheel.campaigns.judge import Interval, Judged, judge
-from gyrowheel.campaigns.outside import declared, outside_forms
-from gyrowheel.campaigns.page import campaign_page, case_line
-from gyrowheel.campaigns.report import campaign_report
+from gyrowheel.campaigns.page import campaign_page, campaign_report, case_line
+from gyrowheel.campaigns.reality import declared, outside_forms
 from gyrowheel.campaigns.summary import Rate, Summary, covered
 from gyrowheel.campaigns.workers import _move, run_case
 from gyrowheel.show.layout import show

@@ -238,7 +238,7 @@ def test_a_recording_is_not_overwritten(gyrowheel: Shell, wheel: Wheel):
     assert sorted(path.stat().st_mtime_ns for path in wheel.recording.iterdir()) == before
 
 
-def test_the_same_recording_is_not_taken_twice(gyrowheel: Shell, wheel: Wheel):
+def test_a_recording_given_twice_is_refused(gyrowheel: Shell, wheel: Wheel):
     again = wheel.recording.parent / "." / wheel.recording.name
     assert_refused(gyrowheel("compare", wheel.recording, again, "--model", wheel.model), "twice")
     arguments = ["--model", wheel.model, "--fit", wheel.recording, "--validate", wheel.recording]
@@ -279,7 +279,7 @@ def test_simulate_records_the_run_and_nothing_of_the_truth(gyrowheel: Shell, tmp
     assert found["topics"]["/gyrowheel/measurement"] == round(result["simulated_seconds"] / 0.0005)
 
 
-def test_one_seed_one_recording(gyrowheel: Shell, tmp_path: Path):
+def test_the_same_seed_gives_the_same_recording(gyrowheel: Shell, tmp_path: Path):
     plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
     for folder, seed in (("a", 1), ("b", 1), ("c", 2)):
         gyrowheel.good("simulate", "--plan", plan, "-o", tmp_path / folder / "run", "--seed", seed)

@@ -103,9 +103,7 @@ def test_the_estimator_uses_the_model_not_the_truth(gyrowheel: Shell, model: Pat
         assert abs(message.residual[2] - 1.3e-3) < 3.0 * error + 0.1e-3
 
 
-def test_a_model_without_truth_is_a_belief_and_a_note_says_so(
-    gyrowheel: Shell, model: Path, tmp_path: Path
-) -> None:
+def test_a_model_without_truth_is_reported_as_a_belief(gyrowheel: Shell, model: Path, tmp_path: Path) -> None:
     plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
     shown = gyrowheel.good("simulate", "--plan", plan, "--model", model, "-o", tmp_path / "a")
     assert "--truth" in shown.err

@@ -84,7 +84,7 @@ def test_times_of_any_type_are_read(kind: Any, unit: str, stored: bool, tmp_path
     assert np.abs(rows["stamp_ns"] - NS).max() < 100
 
 
-def test_a_number_that_is_not_there_is_none() -> None:
+def test_missing_numbers_are_nan() -> None:
     holed = pa.array([None if k in (3, 90) else int(v) for k, v in enumerate(WHOLE)])
     for values in (holed, holed.cast(pa.decimal128(22, 3)), holed.dictionary_encode()):
         rows = gw.read_table(table(i=values), MAP).data.measurement
@@ -94,7 +94,7 @@ def test_a_number_that_is_not_there_is_none() -> None:
 @pytest.mark.parametrize(
     "values", [pa.array(["x"] * N), pa.array([[1.0]] * N), pa.array([{"a": 1}] * N), pa.nulls(N)]
 )
-def test_what_is_no_number_is_refused(values: Any) -> None:
+def test_values_that_are_not_numbers_are_refused(values: Any) -> None:
     with pytest.raises(gw.InputError, match=r"column 'i'"):
         gw.read_table(table(i=values), {k: v for k, v in MAP.items() if k != "missing"})
 

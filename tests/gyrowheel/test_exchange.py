@@ -322,7 +322,7 @@ def test_text_in_parquet_is_named(case: Case) -> None:
     case.refused("column 'Motor [V]': holds string; allowed: numbers", suffix=".parquet")
 
 
-def test_csv_of_another_country(case: Case) -> None:
+def test_csv_with_decimal_commas_and_another_encoding(case: Case) -> None:
     lines = ["Prüfstand 3", "zweite Zeile", ";".join(case.columns)]
     lines += [
         ";".join(repr(float(v)).replace(".", ",") for v in row)
@@ -436,7 +436,7 @@ def test_rows_without_command_or_setpoint_come_back_without(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_missing_readings_come_back_as_they_went(wheel: Wheel, tmp_path: Path, suffix: str) -> None:
+def test_missing_readings_survive_export_and_import(wheel: Wheel, tmp_path: Path, suffix: str) -> None:
     whole = Recording.open(wheel.recording)
     samples = whole.measurement[:500].copy()
     samples["tilt_x"][7] = samples["coil_temperature"][11:400] = math.nan
@@ -459,7 +459,7 @@ _JUNK = st.recursive(
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_a_map_is_taken_or_refused_by_name(data: st.DataObject) -> None:
+def test_a_map_is_read_or_refused_by_its_name(data: st.DataObject) -> None:
     """Whatever stands at one place of a map: it is read, or one InputError names the map."""
     content = copy.deepcopy(column_map()) | {"csv": {"delimiter": ";"}}
     place: Any = content

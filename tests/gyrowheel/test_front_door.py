@@ -77,7 +77,7 @@ def test_importing_is_cheap_and_changes_nothing() -> None:
     assert seen.stderr == ""
 
 
-def test_every_public_name_is_there_and_documented() -> None:
+def test_every_public_name_exists_and_is_documented() -> None:
     assert dir(gw) == sorted(gw.__all__)
     for name in gw.__all__:
         value = getattr(gw, name)
@@ -169,9 +169,7 @@ def test_diagnosis_names_what_is_missing(found: gw.Diagnosis, drag: gw.Recording
     assert found.limits
 
 
-def test_model_that_is_added_to_stays_as_it_was(
-    found: gw.Diagnosis, drag: gw.Recording, other: gw.Recording
-) -> None:
+def test_add_leaves_the_model_unchanged(found: gw.Diagnosis, drag: gw.Recording, other: gw.Recording) -> None:
     model = gw.Model("gyrowheel")
     better = model.add(found, fit=drag, validate=other)
     assert not model.effects
@@ -188,7 +186,7 @@ def test_model_that_is_added_to_stays_as_it_was(
     assert any(line.startswith("+ effects.windage.w") for line in model.diff(better))
 
 
-def test_model_file_holds_the_model(better: gw.Model, tmp_path: Path) -> None:
+def test_a_saved_model_is_read_back(better: gw.Model, tmp_path: Path) -> None:
     better.save(tmp_path / "wheel.yaml")
     loaded = gw.Model.load(tmp_path / "wheel.yaml")
     assert loaded.effects == better.effects
@@ -284,7 +282,7 @@ def test_nothing_is_printed_or_written(
     assert not list(tmp_path.iterdir())
 
 
-def test_own_effect_is_found_again(drag: gw.Recording) -> None:
+def test_a_user_defined_effect_is_added_and_simulated(drag: gw.Recording) -> None:
     pull = gw.own_effect("axial_torque = -k*r", name="pull")
     model = gw.Model().add(pull, fit=drag)
     assert model.effects["pull"]["k"] > 0.0
@@ -322,14 +320,14 @@ def test_recordings_to_fit_and_to_validate_are_different(drag: gw.Recording) -> 
         gw.diagnose(drag, gw.Model(), validate=drag.path)
 
 
-def test_catalogues_hold_what_is_shipped() -> None:
+def test_catalogues_list_all_shipped_items() -> None:
     assert gw.effects["windage"].name == "windage"
     assert "quick" in gw.plans
     assert gw.plans["quick"].duration > 10.0
     assert set(gw.benches) == {"gyrowheel", "dtg"}
 
 
-def test_table_and_back(drag: gw.Recording, tmp_path: Path) -> None:
+def test_export_and_import_return_the_recording(drag: gw.Recording, tmp_path: Path) -> None:
     columns = gw.write_table(drag, tmp_path / "drag.parquet", column_map=tmp_path / "map.yaml")
     assert "tilt_x" in columns
     again = gw.read_table(tmp_path / "drag.parquet", tmp_path / "map.yaml")

@@ -173,7 +173,7 @@ def test_sequences_stay_within_the_bench() -> None:
 
 
 @pytest.mark.study
-def test_nothing_hidden_and_nothing_found() -> None:
+def test_nothing_is_found_without_a_hidden_effect() -> None:
     case = solve(70, 2, "short", "none")
     assert case.verdict == "nothing_missing"
     assert case.outcome == "right"

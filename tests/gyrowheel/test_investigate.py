@@ -13,8 +13,7 @@ import pytest
 
 from gyrowheel.investigation import procedure as investigation
 from gyrowheel.investigation.page import end_sentence
-from gyrowheel.investigation.procedure import BROAD, Course, Step, pursue
-from gyrowheel.investigation.sentences import learned
+from gyrowheel.investigation.procedure import BROAD, Course, Step, learned, pursue
 from gyrowheel_analysis.diagnosis.experiment_design import Discrimination, PrecisionTest, relative_error
 from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate, NextTest
 from gyrowheel_analysis.model import Model

@@ -29,7 +29,7 @@ def learned(wheel: Wheel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_drawn_key_is_shown_in_the_units_of_people(gyrowheel: Shell, tmp_path: Path) -> None:
+def test_a_drawn_key_is_shown_in_readable_units(gyrowheel: Shell, tmp_path: Path) -> None:
     key = tmp_path / "key.json"
     plan = write(
         tmp_path / "plan.yaml",
@@ -80,7 +80,7 @@ def test_a_model_is_judged(
         assert w["hidden"] is None
 
 
-def test_nothing_hidden_and_nothing_in_the_model_is_right(
+def test_an_empty_model_is_right_without_a_hidden_effect(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path
 ) -> None:
     result = gw.open_key(sealed(tmp_path), gw.Model.load(wheel.model))
@@ -93,7 +93,7 @@ def test_nothing_hidden_and_nothing_in_the_model_is_right(
     assert list(result.to_columns()["name"]) == ["rotor_inertia_z"]
 
 
-def test_a_formula_may_stand_for_what_is_outside_the_library(wheel: Wheel, tmp_path: Path) -> None:
+def test_a_formula_may_describe_an_effect_outside_the_library(wheel: Wheel, tmp_path: Path) -> None:
     key = sealed(tmp_path, speed_bump={"A": 0.04, "p": 0.8, "w": 0.11})
     model = gw.Model.load(wheel.model)
     assert gw.open_key(key, model).outcome == "incomplete"

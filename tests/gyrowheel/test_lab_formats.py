@@ -107,7 +107,7 @@ WRITTEN: dict[str, tuple[Callable[[Table], None], str]] = {
 
 
 @pytest.mark.parametrize("name", WRITTEN)
-def test_a_table_is_read_however_it_is_written(tmp_path: Path, name: str) -> None:
+def test_tables_are_read_in_every_dialect(tmp_path: Path, name: str) -> None:
     change, asked = WRITTEN[name]
     table, plain = Table(), Table()
     change(table)
@@ -144,7 +144,7 @@ def test_numbers_of_numpy_with_names_and_units_behind_comment_signs() -> None:
 
 
 @pytest.mark.parametrize("shift", [0, 1])
-def test_the_beginning_of_a_packed_text_may_end_within_a_letter(tmp_path: Path, shift: int) -> None:
+def test_the_head_of_a_compressed_text_may_end_within_a_character(tmp_path: Path, shift: int) -> None:
     """What is looked at ends within a long run of letters of two bytes, by one of the two shifts within one of them."""
     text = f"{'a' * shift}t;b;ü\n" + f"1;1;{'µ' * 200}\n" * 1000
     file = tmp_path / "t.csv.gz"
@@ -192,7 +192,7 @@ def test_packed_numbers_of_netcdf_are_unpacked(tmp_path: Path) -> None:
     assert (grid.columns["x"].unit, grid.columns["time"].unit) == ("deg", "seconds")
 
 
-def test_numbers_with_their_bytes_the_other_way_round() -> None:
+def test_big_endian_numbers_are_read() -> None:
     grid = Grid.of("t", [Column("a", np.arange(3, dtype=kind)) for kind in (">i4", ">u2", ">f4", ">i8")])
     from gyrowheel_recording.mapping.table import _as_arrow
 
@@ -337,7 +337,7 @@ def test_sentinel_on_another_clock_is_not_interpolated(tmp_path: Path) -> None:
     assert np.nanmin(current) >= 0.1
 
 
-def test_an_angle_that_is_read_too_seldom_is_left_out(tmp_path: Path) -> None:
+def test_an_undersampled_angle_is_left_out(tmp_path: Path) -> None:
     grid, content = by_two_clocks(0.5)
     thin = [
         Column(own.name, own.values[::40]) if own.name.startswith("drive/") else own
@@ -379,7 +379,7 @@ def test_tables_of_pandas_that_are_indexed_by_their_times() -> None:
         gw.suggest_map(twice)
 
 
-def test_tables_of_other_libraries_come_by_their_stream() -> None:
+def test_tables_of_other_libraries_are_read_by_their_arrow_stream() -> None:
     class Other:
         def __init__(self, table: Any) -> None:
             self._table = table

@@ -82,7 +82,7 @@ def test_commanded_values_are_not_taken_for_measured_ones(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["rev_per_min", "Time [min]", "Tilt X [deg]"])
-def test_a_unit_is_no_end_of_a_range(name: str) -> None:
+def test_a_unit_in_a_name_is_not_read_as_a_limit_or_command(name: str) -> None:
     assert not meaning_of(name).commanded
 
 
@@ -104,7 +104,7 @@ def told(found: gw.TableMap) -> str:
     return "\n".join(found.questions)
 
 
-def test_two_columns_that_are_named_alike_are_asked_for() -> None:
+def test_two_columns_with_similar_names_are_asked_about() -> None:
     speed = Table().numbers("Speed [rpm]")
     found = gw.suggest_map(table(**{"Speed raw [rpm]": speed + 5.0}))
     assert "spin_rate: 'Speed [rpm]' is taken; 'Speed raw [rpm]' is named as clearly" in told(found)
@@ -155,7 +155,7 @@ def test_a_number_of_every_tenth_sample_is_no_sequence() -> None:
 
 @pytest.mark.parametrize("counts", [500, 1000, 1024, 2000, 2048, 3600, 4096, 8000, 8192, 65536])
 @pytest.mark.parametrize("kind", ["of a turn", "on", "of 16 turns"])
-def test_counts_a_turn_are_those_of_the_encoder(counts: int, kind: str) -> None:
+def test_counts_per_turn_of_an_encoder_are_determined(counts: int, kind: str) -> None:
     """A counter of a turn shows them; the speed tells them of one that runs on, or begins anew after several turns."""
     # not in step with the samples, so that nearly every count is seen
     turned = 250.013 * np.arange(N) / RATE / (2.0 * math.pi)
@@ -176,7 +176,7 @@ def test_a_counter_without_a_speed_is_asked_for() -> None:
     assert "how many counts there are a turn is not to be seen" in told(found)
 
 
-def test_numbers_from_zero_on_are_the_axes() -> None:
+def test_columns_numbered_from_zero_are_the_axes() -> None:
     own = Table()
     x, y = (own.numbers(f"Tilt {axis} [deg]") for axis in "XY")
     found = gw.suggest_map(

@@ -151,7 +151,7 @@ def test_uncertainty_of_a_constant_widens_the_coefficients(original: gw.Recordin
         assert sizes[pressure] ** 2 - sizes[0.0] ** 2 == pytest.approx((own * pressure) ** 2, rel=0.1)
 
 
-def test_the_page_can_be_followed(
+def test_the_steps_of_the_page_work(
     measurement: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gyrowheel: Shell
 ) -> None:
     """The table of the page, its commands up to the recording, and its lines of Python."""
@@ -202,7 +202,7 @@ def other_rig(folder: Path, period: float, **hidden: Any) -> gw.Recording:
 
 
 @pytest.mark.study  # 1 kHz and 2 kHz are above
-def test_a_rig_of_5_khz(tmp_path: Path) -> None:
+def test_an_effect_is_found_at_5_khz(tmp_path: Path) -> None:
     """The loop of another rig runs at 5 kHz, and the one who reads its table has the usual bench."""
     found(other_rig(tmp_path, 2.0e-4, **{HIDDEN: {}}))
 
@@ -215,7 +215,7 @@ def test_rig_at_500_hz_has_no_false_finding(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ros1", [False, True], ids=["ROS 2", "ROS 1"])
-def test_a_foreign_bag(measurement: Any, tmp_path: Path, ros1: bool) -> None:
+def test_a_bag_with_foreign_messages_is_read(measurement: Any, tmp_path: Path, ros1: bool) -> None:
     some = measurement[::2] if ros1 else measurement
     some = some[:6000]
     place = lab.write_bag(tmp_path / ("wheel.bag" if ros1 else "wheel"), some, ros1=ros1)

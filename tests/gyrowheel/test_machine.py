@@ -13,7 +13,7 @@ BENCH = Bench.load()
 
 
 @pytest.mark.parametrize("model", ["correlation", "vorticity", "surrogate"])
-def test_a_model_of_the_air_stands_for_its_effects(model: str) -> None:
+def test_an_air_model_expands_to_its_effects(model: str) -> None:
     machine = scenario(BENCH, "quick", effects=[f"aero:{model}", "fixed_torque:F_x=0.001,F_y=0"], seed=1)
     expected = air_effects(model, bench=BENCH).values
     assert {name: machine.effects[name] for name in expected} == expected
@@ -28,7 +28,7 @@ def test_the_air_twice_or_of_an_unknown_model_is_refused() -> None:
         scenario(BENCH, "quick", effects=["aero:fluent"], seed=1)
 
 
-def test_a_table_is_not_passed_off_as_what_the_machine_has() -> None:
+def test_a_torque_table_is_refused_as_the_air_of_a_machine() -> None:
     """The machine's air is a power law: it differs from the table's rows by what the fit leaves."""
     with pytest.raises(InputError, match=r"aero:table: the simulated air follows power laws.*aero:surrogate"):
         scenario(BENCH, "quick", effects=["aero:table"], seed=1)

@@ -24,7 +24,9 @@ from .helpers import Shell
 ODD = os.fsdecode(b"a 'b\" \n\t \xc3\xa9\xe2\x84\xa6 @from= %d {x} \xff -")
 
 
-def test_names_that_people_would_not_give(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
+def test_every_verb_reads_and_writes_files_with_odd_names(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path
+) -> None:
     """What is written under an odd name is read from it, by each verb that writes."""
     for stream in (sys.stdout, sys.stderr):  # as the program does where it is started
         assert isinstance(stream, io.TextIOWrapper)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel.diagnosis.next_command import following
+from gyrowheel.diagnosis.page import following
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
@@ -62,7 +62,7 @@ def test_a_hidden_effect_is_named_added_and_proven(gyrowheel: Shell, tmp_path: P
 
 
 @pytest.mark.parametrize("machine", [21, pytest.param(22, marks=pytest.mark.study)])
-def test_nothing_hidden_is_nothing_missing(gyrowheel: Shell, tmp_path: Path, machine: int):
+def test_nothing_is_missing_without_a_hidden_effect(gyrowheel: Shell, tmp_path: Path, machine: int):
     model, run = tmp_path / "wheel.yaml", tmp_path / "run"
     gyrowheel.good("model", "new", "--model", model, "--bench", "dtg")
     options = ["--bench", "dtg", "--machine", machine, "--seed", machine]
@@ -93,7 +93,7 @@ def test_the_next_test_is_one_that_the_bench_can_run(gyrowheel: Shell, tmp_path:
     assert "--bench dtg" in command
 
 
-def test_the_name_of_a_plan_stands_for_the_one_of_the_bench(gyrowheel: Shell):
+def test_a_plan_name_selects_the_plan_of_the_bench(gyrowheel: Shell):
     own = gyrowheel.good("plans", "quick", "--bench", "dtg", "--json", "-").json
     assert own == gyrowheel.good("plans", "dtg_quick", "--json", "-").json
     listed = gyrowheel.good("plans", "--bench", "dtg", "--json", "-").json["plans"]
@@ -101,7 +101,7 @@ def test_the_name_of_a_plan_stands_for_the_one_of_the_bench(gyrowheel: Shell):
     assert all(s["spin_rate"] > 200.0 for plan in listed for s in plan["segments"])
 
 
-def test_a_bench_that_is_not_that_of_the_model_is_refused(gyrowheel: Shell, tmp_path: Path):
+def test_a_bench_other_than_that_of_the_model_is_refused(gyrowheel: Shell, tmp_path: Path):
     model = tmp_path / "wheel.yaml"
     gyrowheel.good("model", "new", "--model", model, "--bench", "dtg")
     options = ["--plan", "quick", "-o", tmp_path / "run", "--model", model, "--bench", "gyrowheel"]

@@ -89,7 +89,7 @@ def place() -> Iterator[_Place]:
 
 
 @pytest.mark.slow
-def test_a_user_who_may_write_nowhere_but_in_a_folder_of_their_own(place: _Place) -> None:
+def test_verbs_work_for_a_user_with_one_writable_folder(place: _Place) -> None:
     (place.own / "plan.yaml").write_text(DRAG_PLAN)
     place.run("simulate", "--plan", "plan.yaml", "-o", "run", "--machine", "3")
     place.run("model", "new", "--model", "wheel.yaml")
@@ -101,7 +101,7 @@ def test_a_user_who_may_write_nowhere_but_in_a_folder_of_their_own(place: _Place
 
 @pytest.mark.study
 @pytest.mark.graph
-def test_the_demonstration_for_such_a_user(place: _Place) -> None:
+def test_the_demonstration_works_for_a_user_with_one_writable_folder(place: _Place) -> None:
     """With all its nodes, each a process of that user."""
     said = place.run("demo", "--seed", "5", "-o", "results", "--json", "-", ROS_DOMAIN_ID=str(next_domain()))
     outcome = json.loads(said)

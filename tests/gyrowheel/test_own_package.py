@@ -47,7 +47,7 @@ def run(tmp_path: Path) -> Run:
     return call
 
 
-def test_installed_as_the_page_says_it_is_known(run: Run) -> None:
+def test_an_effect_package_installed_as_documented_is_registered(run: Run) -> None:
     assert set(FILES) == {"my_effects/pyproject.toml", "my_effects/my_effects.py"}
     install, show, *_ = COMMANDS
     pytest.importorskip("hatchling")
@@ -56,7 +56,7 @@ def test_installed_as_the_page_says_it_is_known(run: Run) -> None:
 
 
 @pytest.mark.study
-def test_hidden_as_the_page_says_it_is_found(run: Run) -> None:
+def test_an_effect_hidden_as_documented_is_found(run: Run) -> None:
     pytest.importorskip("hatchling")
     said = [run(command) for command in COMMANDS]
     assert "An effect is missing: pull of the stator (stator_pull)." in said[-1]

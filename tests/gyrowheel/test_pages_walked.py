@@ -43,7 +43,7 @@ def words(shown: str) -> str:
 
 @pytest.mark.study  # test_page_commands.py reads every command of every page
 @pytest.mark.parametrize("name", ["tutorial", "start"])
-def test_page_can_be_followed(
+def test_the_commands_of_the_page_work(
     name: str, gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -77,7 +77,7 @@ def test_the_page_of_the_python_api_runs_and_prints_what_it_shows(
         assert words(capsys.readouterr().out) == words(shown)
 
 
-def test_the_page_of_tables_can_be_followed(
+def test_the_commands_of_the_page_of_tables_work(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wheel: Wheel
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -72,7 +72,7 @@ def test_pages_and_pictures_are_whole_after_every_statement(gyrowheel: Shell, tm
 
 
 @pytest.mark.parametrize("width", [80, 120])
-def test_the_table_fits(width: int) -> None:
+def test_the_table_fits_the_width(width: int) -> None:
     from gyrowheel.paper_figures.page import paper_page
     from gyrowheel.show.layout import plain_text
 
@@ -129,7 +129,7 @@ def test_all_statements_get_a_verdict(whole: gw.Paper) -> None:
         assert (f"fig-{row.name[4:6].strip('-')}" != row.name) or row.finding.draw is not None, row.name
 
 
-def test_a_flow_that_does_as_the_paper_says_is_agreed_with(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_flow_as_in_the_paper_gets_the_verdict_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     """Verdicts come from the table: one whose T2 grows and whose T3 is constant turns them round."""
     from dataclasses import replace
 

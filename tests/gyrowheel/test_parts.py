@@ -52,7 +52,7 @@ def test_part_has_the_windows_that_lie_in_it(folder):
         ("from=3,from=4", "from is given twice"),
     ],
 )
-def test_part_that_cannot_be_is_refused_in_one_line(folder, part, words):
+def test_an_impossible_part_is_refused_in_one_line(folder, part, words):
     with pytest.raises(gw.InputError, match=words) as caught:
         gw.Recording.open(f"{folder}@{part}")
     assert "\n" not in str(caught.value)
@@ -66,7 +66,7 @@ def test_parts_of_one_recording_may_not_overlap(folder):
         gw.compare([folder, f"{folder}@from=20"], model)
 
 
-def test_event_is_told_first_with_the_parts_beside_it(folder):
+def test_an_event_is_reported_first_with_the_parts_before_and_after_it(folder):
     recording = Recording.open(folder)
     measurement = recording.measurement.copy()
     measurement["coil_voltage_x"] -= 0.05 * (recording.time > 25.0)

@@ -69,9 +69,7 @@ def test_investigate_ends_with_the_table_and_draws_the_last_diagnosis(
 
 
 @pytest.mark.study  # test_same_machine.py goes on with the command of a diagnosis
-def test_the_command_that_goes_on_is_for_the_same_machine(
-    gyrowheel: Shell, wheel: Wheel, tmp_path: Path
-) -> None:
+def test_the_resuming_command_names_the_same_machine(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
     machine = ["--effect", "windage:w=0.0013", "--effect", "earth_rate", "--machine", 3, "--seed", 4]
     options = ["--model", wheel.model, "--budget", 0, "--simulate", "-o", tmp_path / "run", "--averages"]
     out = gyrowheel.good("investigate", wheel.recording, *options, *machine).out
@@ -88,7 +86,7 @@ def test_the_command_that_goes_on_is_for_the_same_machine(
     assert "To be thorough" not in thorough
 
 
-def test_what_is_unseen_is_named_where_a_test_can_show_it() -> None:
+def test_undetectable_effects_are_named_if_a_test_can_show_them() -> None:
     limits = (
         DetectionLimit("windage", "", "w", 1.0, "N*m", (2.0, 3.0)),
         DetectionLimit("gravity_offset", "", "G", 9.0, "N*m", (2.0, 3.0)),
@@ -103,9 +101,7 @@ def test_what_is_unseen_is_named_where_a_test_can_show_it() -> None:
 
 
 @pytest.mark.parametrize("verb", ["diagnose", "add", "investigate"])
-def test_a_picture_never_replaces_what_is_not_one(
-    gyrowheel: Shell, wheel: Wheel, tmp_path: Path, verb: str
-) -> None:
+def test_a_picture_replaces_only_pictures(gyrowheel: Shell, wheel: Wheel, tmp_path: Path, verb: str) -> None:
     notes = tmp_path / "notes.png"
     notes.write_text(json.dumps({"mine": 1}), encoding="utf-8")
     before = wheel.model.read_bytes()
@@ -132,7 +128,7 @@ def longest(windows: int, wrong: float, noise: float) -> float:
     return wrong * _arrow_scale(data)  # type: ignore[arg-type]
 
 
-def test_arrows_are_as_long_as_what_is_wrong_and_not_as_the_noise() -> None:
+def test_arrow_lengths_follow_the_misfit_and_not_the_noise() -> None:
     assert longest(48, 1e-4, 1e-5) == pytest.approx(0.55 * 4.0)
     # a noisy window does not make the others short
     assert longest(48, 1e-4, 1e-2) == pytest.approx(0.55 * 4.0)

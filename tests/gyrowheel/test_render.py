@@ -19,15 +19,13 @@ from rich.console import RenderableType
 from gyrowheel.air_flow.page import check_page, table_page
 from gyrowheel.catalogue.page import bench_page, effect_list, effect_page, plan_list, plan_page
 from gyrowheel.comparison.page import channel_table
-from gyrowheel.diagnosis.next_command import following
-from gyrowheel.diagnosis.page import detection_limits
+from gyrowheel.diagnosis.page import detection_limits, following
 from gyrowheel.diagnosis.page import diagnosis_page as rendered
 from gyrowheel.drag_comparison.page import drag_page
 from gyrowheel.models.page import model_page
 from gyrowheel.show.error_table import fall
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import commands, figures_table, plain_text, words_table
-from gyrowheel.show.quantities import decimal, fixed, minus, quantity, seconds, short, span, with_error
 from gyrowheel.show.sentences.diagnosis import form_sentence, verdict_sentence
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel_air.check import check_table
@@ -40,6 +38,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_analysis.residuals.error_table import ErrorRow
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.quantities import decimal, fixed, minus, quantity, seconds, short, span, with_error
 from gyrowheel_core.units import unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
@@ -95,7 +94,7 @@ def text_of(parts, width: int = 80) -> str:
         (seconds(180.0), "3 min"),
     ],
 )
-def test_numbers_as_people_read_them(shown: str, expected: str):
+def test_numbers_have_readable_units_and_digits(shown: str, expected: str):
     assert shown == expected
 
 
@@ -139,7 +138,7 @@ def test_a_formula_as_it_is_shown_can_be_typed_in(effect: Effect):
         assert split(typed) == split(law.expression)
 
 
-def test_a_model_shows_an_effect_of_its_own():
+def test_a_model_shows_a_user_defined_effect():
     own = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")
     model = Model(Bench.load(), effects={"stator_pull": {"k": 0.02}}, declared={"stator_pull": own})
     words = " ".join(text_of(model_page(model)).split())
@@ -197,7 +196,7 @@ SHIPPED_TABLES: dict[str, Callable[[], Iterable[RenderableType]]] = {
 
 @pytest.mark.parametrize("width", [80, 110])
 @pytest.mark.parametrize("name", SHIPPED_TABLES)
-def test_no_table_is_cut(name: str, width: int):
+def test_no_table_is_truncated(name: str, width: int):
     shown = text_of(SHIPPED_TABLES[name](), width)
     assert "…" not in shown
     lines = shown.splitlines()
@@ -210,7 +209,7 @@ def test_no_table_is_cut(name: str, width: int):
 
 @settings(max_examples=60, deadline=None)
 @given(st.data(), st.integers(12, 80))
-def test_nothing_of_a_table_is_lost_on_any_terminal(data: st.DataObject, width: int):
+def test_tables_keep_every_cell_on_any_terminal(data: st.DataObject, width: int):
     word = st.text("abcxyz0189.−", min_size=1, max_size=30)
     count = data.draw(st.integers(1, 6))
     rows = data.draw(st.lists(st.lists(word, min_size=count, max_size=count), min_size=1, max_size=4))
@@ -230,7 +229,7 @@ def test_nothing_of_a_table_is_lost_on_any_terminal(data: st.DataObject, width: 
                 assert cell in "".join(shown.split())
 
 
-def test_what_would_have_to_be_larger_than_anything_real_is_not_to_be_seen():
+def test_effects_that_show_only_at_unrealistic_sizes_are_listed_as_not_visible():
     (plain,) = limit("aero_cross", 0.09)
     far = [
         *limit("external_damping", 0.12),
@@ -305,7 +304,7 @@ def test_every_verdict_ends_with_whether_it_is_proven(changes: dict[str, Any], e
     assert proof_sentence(replace(proof, **changes)).startswith(expected)
 
 
-def test_what_is_far_from_usual_is_said_first():
+def test_unusual_values_are_reported_first():
     far = Beyond("unusual", "windage", "w", 0.0104, 0.0013, "N*m", 8.0)
     alone = verdict_sentence(replace(VERDICTS["effect"], beyond=(far,)))
     assert alone.startswith(
@@ -319,7 +318,7 @@ def test_what_is_far_from_usual_is_said_first():
     assert "impossible" in verdict_sentence(replace(VERDICTS["nothing"], verdict="unknown", beyond=(never,)))
 
 
-def test_what_could_hide_is_named_where_nothing_shows():
+def test_undetectable_effects_are_named_if_nothing_is_found():
     quiet = VERDICTS["nothing"]
     assert verdict_sentence(replace(quiet, limits=limit("windage", 1e-4))).startswith("Nothing is missing:")
     sentence = verdict_sentence(replace(quiet, limits=limit("gravity_offset", 0.011)))
@@ -327,7 +326,7 @@ def test_what_could_hide_is_named_where_nothing_shows():
     assert sentence.endswith("A gravity_offset of a usual size could hide in them.")
 
 
-def test_an_effect_of_the_model_that_does_not_fit_is_told_from_one_that_is_missing():
+def test_a_wrong_effect_of_the_model_is_distinguished_from_a_missing_one():
     own, new = finding("aero_cross"), finding("windage")
     wrong = replace(
         own, in_model={name: Estimate(2.0e-3, 1e-4, e.unit) for name, e in own.coefficients.items()}
@@ -340,7 +339,7 @@ def test_an_effect_of_the_model_that_does_not_fit_is_told_from_one_that_is_missi
     assert "in the model 2.00 ± 0.10 mN·m/rad" in " ".join(text_of(rendered(both)).split())
 
 
-def test_what_takes_no_part_is_said():
+def test_excluded_data_are_reported():
     part = Coverage(60.0, 30.0, {"of a kind": 2.0, "of another": 8.0, "of a third": 0.01})
     words = " ".join(text_of(rendered(replace(AMBIGUOUS, coverage=part))).split())
     said = "30 of 40 s of steady motion take part (of 60 s recorded); left out: 8.0 s of another, 2.0 s of a kind."
@@ -349,14 +348,14 @@ def test_what_takes_no_part_is_said():
     assert "take part" not in text_of(rendered(nearly))
 
 
-def test_ties_name_the_test_or_say_that_there_is_none():
+def test_ties_name_the_separating_test_or_report_that_no_test_separates_them():
     assert "Plan air_density separates them, expected Δχ² 88" in " ".join(
         text_of(rendered(AMBIGUOUS)).split()
     )
     assert "No test on this bench separates them" in " ".join(text_of(rendered(VERDICTS["no test"])).split())
 
 
-def test_the_next_command_is_never_broken(tmp_path):
+def test_the_next_command_stays_on_one_line(tmp_path):
     folder = tmp_path / "a folder with a very long name that does not fit into eighty columns"
     command = following(VERDICTS["effect"], [folder / "drag"], [folder / "other"], folder / "model.yaml")
     assert command is not None
@@ -368,7 +367,7 @@ def test_the_next_command_is_never_broken(tmp_path):
     assert "gyrowheel up --plan air_density --record" in test
 
 
-def test_an_effect_beside_what_nothing_known_explains_is_named():
+def test_a_known_effect_next_to_an_unknown_one_is_named():
     assert verdict_sentence(UNKNOWN) == (
         "Something is missing that no known effect explains; proposed formula: It grows with the tilt squared."
     )
@@ -378,14 +377,14 @@ def test_an_effect_beside_what_nothing_known_explains_is_named():
     )
 
 
-def test_what_a_model_file_has_wrong_is_told_from_what_it_lacks():
+def test_wrong_values_of_a_model_are_distinguished_from_missing_effects():
     wrong = replace(finding("windage"), name="stiffness_error", effect_title="", effect_sentence="")
     found = diagnosis("effect", wrong)
     assert verdict_sentence(found) == "The flexure stiffness differs from the bench file (stiffness_error)."
     assert "beyond five of its stated uncertainties" in text_of(rendered(found))
 
 
-def test_forms_tell_edges_in_degrees_and_exponents_as_found():
+def test_free_forms_show_edges_in_degrees_and_fitted_exponents():
     edge = replace(
         UNKNOWN.free_form[0],
         description="torque along the tilt beyond an edge",

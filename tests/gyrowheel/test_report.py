@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.report import printing
+from gyrowheel.report import api
 from gyrowheel.report.verb import _is_report
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
@@ -164,7 +164,7 @@ def test_the_verb_writes_a_page_or_markdown(
     text = (tmp_path / "drag.md").read_text(encoding="utf-8")
     assert f"# {made.diagnosis.sentence}" in text
     assert all(own["sha256"] in text for r in made.to_dict()["recordings"] for own in r["files"])
-    if printing.browser() is None:
+    if api.browser() is None:
         with pytest.raises(gw.InputError, match="needs Chromium"):
             made.save(tmp_path / "drag.pdf")
     else:
@@ -172,7 +172,7 @@ def test_the_verb_writes_a_page_or_markdown(
         assert (tmp_path / "drag.pdf").read_bytes().startswith(b"%PDF")
         assert (tmp_path / "drag.pdf").stat().st_size < 5e6
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(printing, "browser", lambda: "/bin/false")
+            patch.setattr(api, "browser", lambda: "/bin/false")
             with pytest.raises(gw.InputError, match="printed nothing"):
                 made.save(tmp_path / "drag.pdf")
         assert _is_report(tmp_path / "drag.pdf")  # as it was

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.recordings.provenance import machine_options, note_machine, noted_machine
+from gyrowheel.recordings.api import machine_options, note_machine, noted_machine
 from gyrowheel_recording.mislabelled.fixes import Fix, correct
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
@@ -34,7 +34,7 @@ def test_machine_has_one_name_in_all_its_recordings() -> None:
     assert replace(own, machine="rig 2").identity(bench) == "rig 2"
 
 
-def test_name_of_a_hidden_machine_says_nothing_of_it(gyrowheel: Shell, tmp_path: Path) -> None:
+def test_the_name_of_a_hidden_machine_reveals_nothing(gyrowheel: Shell, tmp_path: Path) -> None:
     plan = write(tmp_path / "other.yaml", OTHER_PLAN)
     for name in ("a", "b"):
         gyrowheel.good(
@@ -95,7 +95,7 @@ def test_mix_of_machines_is_refused_unless_asked_for(gyrowheel: Shell, machines:
 
 @pytest.mark.study  # test_investigate.py goes on with what a diagnosis proposes
 @pytest.mark.slow
-def test_next_goes_on_with_the_same_machine_and_settles_the_tie(gyrowheel: Shell, tmp_path: Path) -> None:
+def test_the_next_command_uses_the_same_machine_and_settles_the_tie(gyrowheel: Shell, tmp_path: Path) -> None:
     effect = "gravity_offset:G=0.02"
     gyrowheel.good(
         "simulate", "--plan", "quick", "--effect", effect, "--machine", 3, "-o", tmp_path / "quick"
@@ -115,7 +115,7 @@ def test_next_goes_on_with_the_same_machine_and_settles_the_tie(gyrowheel: Shell
     assert [item["name"] for item in found["effects"]] == ["gravity_offset"]
 
 
-def test_note_stands_beside_the_recording_and_is_words(machines: Path, tmp_path: Path) -> None:
+def test_the_machine_note_is_next_to_the_recording_and_is_quoted(machines: Path, tmp_path: Path) -> None:
     given = gw.Recording.open(machines / "drag1").save(tmp_path / "drag1")
     before = {file: file.read_bytes() for file in given.path.iterdir()}
     note_machine(given, machine_options(effect=["windage:w=0.001"], machine=1, bench="my bench.yaml"))

@@ -144,11 +144,11 @@ NO_PAGE = {"live", "workbench", "report", "cfd pictures"}
 NO_TABLE = {"correct", "simulate", "import", "export", "run", "model new", "cfd sweep", "model remove"}
 
 
-def test_every_verb_is_here():
+def test_every_verb_has_a_page_or_command_here():
     assert sorted(verbs(app)) == sorted([*PAGES, *COMMANDS, *NO_PAGE])
 
 
-def test_no_table_is_made_elsewhere():
+def test_all_tables_come_from_the_layout():
     root = Path(gyrowheel.__file__).parent
     made = {path.name for path in root.rglob("*.py") if re.search(r"\bTable\(|Table\.grid", path.read_text())}
     assert made == {"layout.py"}
@@ -223,7 +223,7 @@ def test_commands_have_no_broken_cell(
                 assert_whole(table, width)
 
 
-def test_a_broken_cell_is_seen():
+def test_the_check_sees_a_broken_cell():
     """A table of rich itself, which breaks cells, does not pass."""
     from gyrowheel.show.layout import words_table
 

@@ -36,7 +36,7 @@ def test_every_addition_is_in_the_model(wheel: Wheel, tmp_path: Path) -> None:
     assert [place.name for place in tmp_path.iterdir()] == ["model.yaml"]
 
 
-def test_a_change_of_somebody_else_is_not_overwritten(
+def test_concurrent_changes_are_not_overwritten(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A model that was read before somebody else changed its file is not saved over it; its own changes are."""

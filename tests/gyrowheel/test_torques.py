@@ -49,7 +49,7 @@ def test_the_air_is_a_part_and_a_vacuum_has_none(tmp_path: Path) -> None:
     assert abs(left) < 1e-3 * abs(cross)
 
 
-def test_in_orbit_air_and_weight_and_earth_are_nothing(gyrowheel: Shell, tmp_path: Path) -> None:
+def test_in_orbit_air_weight_and_earth_rate_have_no_torque(gyrowheel: Shell, tmp_path: Path) -> None:
     names = ("aero_restoring", "windage", "gravity_offset", "earth_rate", "cubic_stiffness")
     effects = ""
     for name in names:
@@ -82,7 +82,7 @@ def test_in_orbit_air_and_weight_and_earth_are_nothing(gyrowheel: Shell, tmp_pat
     assert "left, motor" in said
 
 
-def test_a_recording_shows_what_the_model_leaves(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
+def test_a_recording_shows_the_unexplained_torque(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
     picture = tmp_path / "torques.png"
     arguments = ["torques", wheel.recording, "--model", wheel.model, "--picture", picture]
     text = gyrowheel.good(*arguments).out
@@ -97,7 +97,7 @@ def test_a_recording_shows_what_the_model_leaves(gyrowheel: Shell, wheel: Wheel,
     assert np.abs(result.remainder_coil).max() < 0.15e-3
 
 
-def test_the_result_shows_itself(wheel: Wheel) -> None:
+def test_the_result_has_headline_page_and_columns(wheel: Wheel) -> None:
     result = gw.torques(wheel.recording, gw.Model.load(wheel.model))
     assert result.headline().startswith("8 holds; coils supply up to")
     assert "joint ripple" in result._repr_html_()
@@ -126,7 +126,9 @@ def test_the_result_shows_itself(wheel: Wheel) -> None:
         (["--tilt", "0..5:0.01", "--speed", "1000..4000:10"], ["holds", "500"]),
     ],
 )
-def test_what_cannot_be_held_is_refused(gyrowheel: Shell, arguments: list[str], words: list[str]) -> None:
+def test_holds_beyond_the_limits_are_refused(
+    gyrowheel: Shell, arguments: list[str], words: list[str]
+) -> None:
     result = gyrowheel("torques", *arguments)
     assert result.code == 2
     assert len(result.err.strip().splitlines()) == 1

@@ -7,8 +7,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from gyrowheel.show.formulas import in_words
-from gyrowheel.show.mathml import typeset
+from gyrowheel.show.formulas import in_words, typeset
 from gyrowheel_sim.effects import registry
 
 
@@ -50,7 +49,7 @@ def test_a_law_is_typeset(formula: str, shown: str) -> None:
     assert outline(law).replace("‾", "̄") == shown
 
 
-def test_every_known_law_is_typeset_with_all_that_it_is_made_of() -> None:
+def test_every_law_of_the_library_is_typeset_with_all_its_symbols() -> None:
     for effect in registry().values():
         found = laws(effect.formula)
         assert len(found) == len(effect.laws), effect.name
@@ -61,7 +60,7 @@ def test_every_known_law_is_typeset_with_all_that_it_is_made_of() -> None:
             assert single <= letters, effect.name
 
 
-def test_what_is_no_law_stays_text() -> None:
+def test_other_texts_are_not_typeset() -> None:
     text = str(typeset("rotor_torque = a*z; a [N*m/rad]; q = 2.06 +- 1 [1]"))
     assert text.count("<math") == 1
     assert text.endswith("<br>a [N·m/rad]; q = 2.06 ± 1 [1]")

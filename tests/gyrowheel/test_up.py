@@ -74,7 +74,7 @@ def test_up_and_simulate_give_the_same_samples(truth: str, gyrowheel: Shell, tmp
 
 
 @pytest.mark.study  # tests/bringup/test_replay.py and test_drag.py compare them
-def test_up_ends_with_the_holds_and_drag_and_replay_say_the_same(gyrowheel: Shell, tmp_path: Path):
+def test_up_drag_and_replay_report_the_same_holds(gyrowheel: Shell, tmp_path: Path):
     plan = write(
         tmp_path / "plan.yaml",
         "schema: 1\nname: holds\nhold_s: 1.4\nsegments: [{spin_rpm: 3500, tilt_deg: [[0, 0], [2, 0]]}]\n",
@@ -117,7 +117,7 @@ def test_up_ends_with_the_holds_and_drag_and_replay_say_the_same(gyrowheel: Shel
     assert again == json.loads((tmp_path / "up.json").read_text())["drag_estimates"]
 
 
-def test_a_node_that_fails_is_exit_3_with_its_last_words(gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch):
+def test_a_failed_node_is_exit_3_with_its_last_output(gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch):
     def fail(graph: Graph) -> None:
         raise GraphError(
             "node_died", "plant: killed by SIGKILL", node="plant", report="plant: killed\nlast words"

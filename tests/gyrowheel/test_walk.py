@@ -61,7 +61,7 @@ def height(folder: str) -> tuple[int, int]:
     return number, HOUSE[number].floor_of(part)
 
 
-def test_a_diagnosis_goes_down_the_house_and_each_folder_has_its_turn(tmp_path: Path) -> None:
+def test_a_diagnosis_calls_the_folders_of_the_house_from_top_to_bottom(tmp_path: Path) -> None:
     gw.simulate("quick", effects={"windage": {}}, machine=6).save(tmp_path / "run")
     model = gw.Model("gyrowheel")
     recorded = tmp_path / "run"

@@ -20,16 +20,14 @@ from tornado.httputil import HTTPHeaders
 
 import gyrowheel as gw
 from gyrowheel.diagnosis.api import Diagnosis
-from gyrowheel.recordings.provenance import note_machine
+from gyrowheel.recordings.api import note_machine
 from gyrowheel.simulation.api import record_simulation
 from gyrowheel.workbench import pictures, tables, views
 from gyrowheel.workbench import server as workbench_server
 from gyrowheel.workbench.benches import SimulatedBench
-from gyrowheel.workbench.decimation import Envelope, envelopes
-from gyrowheel.workbench.library import Library, Opened
+from gyrowheel.workbench.library import Envelope, Library, Opened, envelopes
 from gyrowheel.workbench.server import Access, Server
-from gyrowheel.workbench.session import Session
-from gyrowheel.workbench.steps import before
+from gyrowheel.workbench.session import Session, before
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_control.plans.plan import Plan
@@ -407,7 +405,7 @@ def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_p
         assert send(b"x", "a.csv", Origin="http://bench.example")[0] == 403
         assert send(b"x", "a.csv", **{"Content-Type": "text/plain"})[0] == 415
         assert send(b"x", "..")[0] == 422
-        assert ask(server, "/do/map_table", {})[0] == 422  # there is none
+        assert ask(server, "/do/map_table", {})[0] == 422  # no table
         assert send(b"no table", "../../a.csv")[0] == 200
         session.wait(240.0)
         assert session.trouble is not None
@@ -418,7 +416,7 @@ def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_p
         assert session.trouble is None
         part = json.loads(ask(server, "/state")[1])["parts"]["table"]
         assert "tilt_y" in part
-        assert "To be answered" in part
+        assert "Questions to answer" in part
         # what is no map is said; a corrected one is read, and the laws of the wheel agree
         given = {"tilt_y.column": "Tilt Y [rad]", "tilt_y.unit": "deg", "tilt_y.scale": "one"}
         status, body = ask(server, "/do/map_table", given)

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.campaigns.report import campaign_report
+from gyrowheel.campaigns.page import campaign_report
 from gyrowheel.campaigns.summary import Summary
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server

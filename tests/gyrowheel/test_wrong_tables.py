@@ -237,13 +237,13 @@ def test_faults_of_a_table_are_reported_with_their_cures(tmp_path: Path, name: s
         assert word in told, told
 
 
-def test_a_right_table_is_not_questioned(tmp_path: Path) -> None:
+def test_a_correct_table_raises_no_question(tmp_path: Path) -> None:
     found = gw.suggest_map(Table().write(tmp_path))
     assert found.settled, found.questions
     assert not found.remarks or all("samples a second" in remark for remark in found.remarks), found.remarks
 
 
-def test_all_that_is_wrong_is_in_one_answer(tmp_path: Path) -> None:
+def test_all_faults_are_reported_in_one_message(tmp_path: Path) -> None:
     several = ("comma and point mixed", "two units in one column", "a number for nothing", "time that begins anew",
                "averages at the end", "volts clipped")  # fmt: skip
     table = Table()

@@ -30,7 +30,7 @@ def said(bench: Bench) -> str:
 
 
 @pytest.mark.slow
-def test_the_how_to_leads_from_a_file_to_a_diagnosis(
+def test_the_guide_leads_from_a_bench_file_to_a_diagnosis(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every command of the page as it stands there, and the change of the file that it shows."""
@@ -57,7 +57,7 @@ def test_the_how_to_leads_from_a_file_to_a_diagnosis(
 
 
 @pytest.mark.parametrize("name", Bench.shipped())
-def test_a_new_file_is_the_same_machine(tmp_path: Path, name: str) -> None:
+def test_a_copied_bench_file_describes_the_same_machine(tmp_path: Path, name: str) -> None:
     file, old = tmp_path / "mine.yaml", Bench.load(name)
     new_bench(file, name)
     new = Bench.load(file)
@@ -79,7 +79,7 @@ def test_a_new_file_is_the_same_machine(tmp_path: Path, name: str) -> None:
         new_bench(file, name)
 
 
-def test_everything_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
+def test_all_errors_of_a_bench_file_are_reported_at_once(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     new_bench(file)
     good = file.read_text(encoding="utf-8")
@@ -136,7 +136,7 @@ def test_gains_of_the_file_are_those_of_the_loops(tmp_path: Path) -> None:
     assert faster.spin_proportional == pytest.approx(9.0 / 6.34 * usual.spin_proportional)
 
 
-def test_what_cannot_be_reached_is_said_with_its_reason() -> None:
+def test_unreachable_speeds_and_tilts_are_reported_with_their_reason() -> None:
     usual = reach(DEFAULT)
     assert (usual.largest_tilt, math.isinf(usual.top_speed)) == (DEFAULT.value("tilt_limit"), True)
     assert [own.spin_rate / RPM for own in usual.speeds] == pytest.approx([1000, 3500, 4000])
@@ -160,7 +160,7 @@ def test_what_cannot_be_reached_is_said_with_its_reason() -> None:
     assert slow.speeds[0].slew > top.slew
 
 
-def test_options_that_do_not_go_together_are_refused(gyrowheel: Shell, tmp_path: Path) -> None:
+def test_incompatible_options_are_refused(gyrowheel: Shell, tmp_path: Path) -> None:
     result = gyrowheel("bench", "--like", "dtg")
     assert result.code == 2
     assert "--like: is only of use with --new" in result.err

@@ -27,8 +27,8 @@ from gyrowheel.paper_figures.api import paper as paper
 from gyrowheel.rate_sensing.api import Rates as Rates
 from gyrowheel.rate_sensing.api import rate as rate
 from gyrowheel.recordings.api import Recording as Recording
+from gyrowheel.recordings.api import correct as correct
 from gyrowheel.recordings.api import salvage as salvage
-from gyrowheel.recordings.correction import correct as correct
 from gyrowheel.report.api import Report as Report
 from gyrowheel.simulation.api import simulate as simulate
 from gyrowheel.tables.api import TableMap as TableMap

@@ -1,4 +1,4 @@
-"""Air torque on the rotor: models side by side, torque tables, and computations with OpenFOAM."""
+"""Air torque on the rotor: comparison of models, torque tables, and computations with OpenFOAM."""
 
 from __future__ import annotations
 
@@ -47,15 +47,7 @@ KIND = "sweep"
 
 
 def air_state(temperature: float | None = None, pressure: float | None = None) -> AirState:
-    """Return the air of a computation; what is not given is as in the paper.
-
-    Parameters
-    ----------
-    temperature : float, optional
-        Air temperature [°C].
-    pressure : float, optional
-        Air pressure [hPa].
-    """
+    """Return the air of a computation, of a temperature [°C] and a pressure [hPa]; by default that of the paper."""
     if temperature is None and pressure is None:
         return AirState.paper()
     given = 20.0 if temperature is None else temperature
@@ -76,31 +68,11 @@ def case_of(
     window: int | None = None,
     settle: int = 0,
 ) -> Case:
-    """Return a case of the flow computation.
+    """Return a case of the flow computation, in the units of the command line: degrees, rpm, °C, hPa.
 
-    Parameters
-    ----------
-    geometry : str
-        Rotor and case: shipped name, or a file.
-    tilt, direction : float
-        Tilt about the case's x axis, and how far its axis is turned from x towards y [°].
-    speed : float
-        Spin rate [rpm].
-    mesh : str
-        Name of the mesh.
-    model : str or None
-        Model of turbulence; the usual one of the mesh if None.
-    temperature, pressure : float, optional
-        See `air_state`.
-    iterations, window : int, optional
-        Iterations of the solver, and how many of the last ones are averaged.
-    settle : int
-        Go on until the torque has settled, but not beyond so many iterations; 0: do not go on.
-
-    Raises
-    ------
-    InputError
-        If a name is not known or a value is out of range.
+    `direction` turns the axis of the tilt from x towards y. Without a turbulence model that of the mesh is used. The
+    torque is averaged over the `window` last iterations; after `iterations` the solver goes on until the torque has
+    settled, at most to `settle`.
     """
     options = {}
     if iterations is not None:
@@ -123,34 +95,23 @@ def case_of(
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """What a sweep computes; its folder keeps them under these names.
+    """Settings of a sweep, as its folder keeps them; those without a comment as in `case_of`."""
 
-    Attributes
-    ----------
-    tilts, speeds : sequence of float
-        Tilts [°] and spin rates [rpm].
-    base : float
-        Spin rate from which the others of a tilt start [rpm].
-    checks : bool
-        Compute the cases as well that show the influence of mesh, model and axes, at the largest tilt.
-    geometry, mesh, model, iterations, settle, temperature, pressure
-        See `case_of`.
-    """
-
-    tilts: Sequence[float]
+    tilts: Sequence[float]  # tilts [°] and spin rates [rpm]
     speeds: Sequence[float]
-    base: float = 3500.0
+    base: float = 3500.0  # spin rate from which the others of a tilt start [rpm]
     geometry: str = "gyrowheel"
     mesh: str = "low_re"
     model: str | None = None
     iterations: int = Case.iterations
     settle: int = 0
+    #: Compute the cases as well that show the influence of mesh, model and axes, at the largest tilt.
     checks: bool = False
     temperature: float | None = None
     pressure: float | None = None
 
     def levels(self) -> list[list[Step]]:
-        """Return the cases, those that start from others behind them."""
+        """Return the cases in levels: those of a level start from results of earlier ones."""
         cases = [self._case(tilt, speed) for tilt in self.tilts for speed in self.speeds]
         base = self.base * RPM
         levels = plan(
@@ -184,30 +145,30 @@ def sweep(
     begun: Callable[[], object] | None = None,
     tell: Tell,
 ) -> Outcome:
-    """Compute the torque at all tilts and speeds; cases that the folder has already are not computed again.
+    """Compute the torque at all tilts and speeds; finished cases in the folder are not computed again.
 
     Parameters
     ----------
     folder : Path
         Folder of the study.
     settings : SweepSettings
-        What to compute.
+        The settings.
     jobs : int, optional
         Cases at a time; one per core if not given.
     dask : str, optional
         Address of a Dask scheduler whose workers run the cases and see the folder.
     resume : bool
-        Go on with the sweep that the folder was last used for: settings must be the same, and so must the code.
+        Resume the last sweep of the folder: settings and code must be the same.
     begun : callable, optional
-        Called before the first case is computed; from then on the sweep can be gone on with.
+        Called before the first case is computed; from then on the sweep can be resumed.
     tell : callable
-        Told after each case; see `gyrowheel_air.cfd.sweep.Tell`.
+        Called after each case; see `gyrowheel_air.cfd.sweep.Tell`.
 
     Raises
     ------
     InputError
-        If a value is unknown or out of range, there is nothing to go on with, OpenFOAM is not installed, or another
-        sweep works in the folder.
+        If a value is unknown or out of range, there is nothing to resume, OpenFOAM is not installed, or another sweep
+        works in the folder.
     """
     if Path(settings.geometry).is_file():
         settings = replace(settings, geometry=str(Path(settings.geometry).absolute()))
@@ -231,18 +192,12 @@ def sweep(
 
 
 def sweep_settings(folder: Path) -> dict[str, Any]:
-    """Return the settings, by name, with which the last one in a folder was begun.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the settings, by name, of the last sweep of a folder; InputError if it has no sweep."""
     return what_begun(folder, KIND).settings
 
 
 def table_of(source: str) -> TorqueTable:
-    """Return a torque table: shipped name, file, or the folder of a study, of which it is made."""
+    """Return a torque table: a shipped name, a file, or the folder of a study, whose results it collects."""
     if source != "gyrowheel" and Path(source).is_dir():
         return TorqueTable.of(collect_results(Path(source)), origin=source)
     return TorqueTable.load(source)

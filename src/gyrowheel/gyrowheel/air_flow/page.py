@@ -11,7 +11,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel.show.layout import Unbroken, command, figures_table, heading, sentences, words_table
-from gyrowheel.show.quantities import decimal, fixed, minus, pair, short, with_error
+from gyrowheel_core.quantities import decimal, fixed, minus, pair, short, with_error
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _UNITS = {"k": "N*m/rad", "c": "N*m/rad", "w": "N*m", "n": "1"}
 
 
 def comparison_page(found: Comparison) -> Iterator[RenderableType]:
-    """Yield all models side by side."""
+    """Yield the torques of all models in one table, and the coefficients of the air effects."""
     tilt = math.hypot(*found.tilt) / DEG
     yield Text.assemble(
         ("air torque on the rotor", "bold cyan"),
@@ -64,7 +64,7 @@ def comparison_page(found: Comparison) -> Iterator[RenderableType]:
 
 
 def mesh_page(case: Case, quality: dict[str, Any], folder: str) -> Iterator[RenderableType]:
-    """Yield what checkMesh says of a mesh."""
+    """Yield the report of checkMesh."""
     table = words_table("", "")
     for name, value in (
         ("cells", f"{quality['cells']}"),
@@ -128,7 +128,7 @@ def sweep_line(case: Case, result: Result | str, done: int, total: int) -> str:
 
 
 def sweep_page(outcome: Outcome, folder: str) -> Iterator[RenderableType]:
-    """Yield how a sweep went."""
+    """Yield the result of a sweep."""
     count = len(outcome.results)
     yield Text(f"{count} cases finished, {outcome.reused} of them earlier; {len(outcome.failed)} failed")
     yield from sentences(f"{name}: {why}" for name, why in outcome.failed.items())
@@ -159,11 +159,11 @@ def table_page(table: TorqueTable) -> Iterator[RenderableType]:
             part.add_row(f"{short(tilt / DEG, 4)}°", *cells)
         yield part
         yield Text("")
-    beside = [r for r in table.rows if r not in table.grid]
-    if beside:
+    others = [r for r in table.rows if r not in table.grid]
+    if others:
         yield Text("Other meshes, models and axes", style="bold")
         part = figures_table("case", "cells", "y+", "T1", "T2", "T3")
-        for row in beside:
+        for row in others:
             c = row.case
             name = f"{c.tilt / DEG:+.4g}° {c.spin_rate / RPM:.6g} rpm {c.mesh} {c.model}"
             name += f" axis {c.direction / DEG:.4g}°" if c.direction else ""

@@ -9,8 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import Picture, finished, headline
-from gyrowheel.show.style import BLUE, FAINT, GREEN, INK, PINK, SOFT, VERMILION, style
+from gyrowheel.show.figure import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    PINK,
+    SOFT,
+    VERMILION,
+    Picture,
+    finished,
+    headline,
+    shared_legend,
+    style,
+)
 from gyrowheel_air.cfd.case import Result
 from gyrowheel_air.correlations import drag
 from gyrowheel_air.flow import Flow, of_study
@@ -42,24 +54,9 @@ _NAMES = ("T1, back to the case axis", "T2, across", "T3, brakes the spin")
 
 
 def air_figures(table: TorqueTable, study: Path | None = None) -> Iterator[tuple[str, Figure, str]]:
-    """Draw everything for which there is something.
+    """Yield name, figure and explanation of every picture that the data allow.
 
-    Parameters
-    ----------
-    table : TorqueTable
-        Torques.
-    study : Path, optional
-        Folder of a study whose solutions are still there: for the pictures of mesh and flow.
-
-    Yields
-    ------
-    tuple of str, Figure and str
-        Name of the picture, the picture, and a sentence that says what to see.
-
-    Raises
-    ------
-    InputError
-        If the study cannot be read.
+    Those of mesh and flow need the folder of a study with its solutions; InputError if it cannot be read.
     """
     drawings: dict[str, Callable[[], tuple[Figure, str] | None]] = {
         "mesh_dependence": lambda: mesh_dependence(table),
@@ -294,18 +291,8 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure,
 
 
 def _legend(figure: Figure, *axes: Axes) -> None:
-    found: dict[str, Any] = {}
-    for panel in axes:
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    figure.legend(
-        found.values(),
-        found.keys(),
-        loc="upper right",
-        ncols=4,
-        fontsize=10,
-        bbox_to_anchor=(0.985, 1.0 - 0.08 / figure.get_figheight()),
-    )
+    above = 1.0 - 0.08 / figure.get_figheight()
+    shared_legend(figure, axes, loc="upper right", ncols=4, fontsize=10, bbox_to_anchor=(0.985, above))
 
 
 # ---- from the flow
@@ -339,7 +326,10 @@ def mesh_section(flows: Sequence[Flow]) -> tuple[Figure, str] | None:
         f"The mesh, tilt {flow.tilt / DEG:.0f}°: {flow.cells} hexahedra",
         f"resolution '{flow.mesh}': fine at every wall; the same blocks for every tilt",
     )
-    return figure, "The mesh follows the tilted rotor without a break: blocks are moved, not made anew."
+    return (
+        figure,
+        "The mesh follows the tilted rotor without a break: its blocks are moved, not generated again.",
+    )
 
 
 def pressure(flows: Sequence[Flow]) -> tuple[Figure, str] | None:

@@ -1,4 +1,4 @@
-"""The verbs of the air: `air` shows the models side by side, `cfd` computes torques with OpenFOAM."""
+"""The verbs of the air: `air` compares the models, `cfd` computes torques with OpenFOAM."""
 
 from __future__ import annotations
 
@@ -9,9 +9,19 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from gyrowheel.cli.console import advancing, finding, notes, out, put_content
-from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.options import (
+    Json,
+    Resume,
+    argument,
+    example,
+    going_on,
+    going_on_command,
+    merged,
+    numbers,
+    option,
+    place_of,
+)
 from gyrowheel.cli.outputs import TORQUE_TABLE
-from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,88 +34,46 @@ cfd_app = typer.Typer(
 )
 
 GeometryFile: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        "--geometry", metavar="G", help="Rotor and case: shipped name, or a file like geometry.yaml."
-    ),
+    str, option("--geometry G", "Rotor and case: shipped name, or a file like geometry.yaml.")
 ]
-Tilt: TypeAlias = Annotated[
-    float, typer.Option("--tilt", metavar="DEG", help="Tilt about the case's x axis, in deg.")
-]
-Speed: TypeAlias = Annotated[float, typer.Option("--speed", metavar="RPM", help="Spin rate, in rpm.")]
+Tilt: TypeAlias = Annotated[float, option("--tilt DEG", "Tilt about the case's x axis, in deg.")]
+Speed: TypeAlias = Annotated[float, option("--speed RPM", "Spin rate, in rpm.")]
 Direction: TypeAlias = Annotated[
-    float, typer.Option("--direction", metavar="DEG", help="Axis of the tilt, from x towards y, in deg.")
+    float, option("--direction DEG", "Axis of the tilt, from x towards y, in deg.")
 ]
 MeshName: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        "--mesh", metavar="M", help="coarse, medium, fine (wall functions); low_re, low_re_fine; tiny."
-    ),
+    str, option("--mesh M", "coarse, medium, fine (wall functions); low_re, low_re_fine; tiny.")
 ]
 ModelName: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--model",
-        metavar="T",
-        help="Turbulence: sst, paper (k-ε with wall functions), laminar.",
-        show_default="sst on low_re meshes, else paper",
+    option(
+        "--model T",
+        "Turbulence: sst, paper (k-ε with wall functions), laminar.",
+        "sst on low_re meshes, else paper",
     ),
 ]
 Temperature: TypeAlias = Annotated[
-    float | None,
-    typer.Option("--temperature", metavar="C", help="Air temperature, in °C.", show_default="the paper's 20"),
+    float | None, option("--temperature C", "Air temperature, in °C.", "the paper's 20")
 ]
 Pressure: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--pressure", metavar="HPA", help="Air pressure, in hPa.", show_default="the paper's 1013.25"
-    ),
+    float | None, option("--pressure HPA", "Air pressure, in hPa.", "the paper's 1013.25")
 ]
 Iterations: TypeAlias = Annotated[
-    int,
-    typer.Option(
-        "--iterations",
-        metavar="N",
-        help="Iterations of the solver; an existing case with fewer is continued.",
-    ),
+    int, option("--iterations N", "Iterations of the solver; an existing case with fewer is continued.")
 ]
 Window: TypeAlias = Annotated[
     int | None,
-    typer.Option(
-        "--window",
-        metavar="N",
-        help="Number of last iterations to average.",
-        show_default="200, or the last half of more than 420",
-    ),
+    option("--window N", "Number of last iterations to average.", "200, or the last half of more than 420"),
 ]
 Settle: TypeAlias = Annotated[
     int,
-    typer.Option(
-        "--settle",
-        metavar="N",
-        help="Continue until the torque has settled, at most to N iterations. 0: do not continue.",
+    option(
+        "--settle N", "Continue until the torque has settled, at most to N iterations. 0: do not continue."
     ),
 ]
 Study: TypeAlias = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="Folder of the study; finished cases in it are kept.",
-        show_default=False,
-    ),
+    Path, option("-o --output DIR", "Folder of the study; finished cases in it are kept.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command(epilog=example("gyrowheel air --tilt 5 --speed 3500"))(air)
-    app.add_typer(
-        cfd_app,
-        name="cfd",
-        epilog=example("gyrowheel cfd run --tilt 5 --speed 3500 --mesh coarse -o runs/air"),
-    )
 
 
 def air(
@@ -115,12 +83,11 @@ def air(
     pressure: Pressure = None,
     geometry: GeometryFile = "gyrowheel",
     table: Annotated[
-        str,
-        typer.Option("--table", metavar="T", help="Torque table: shipped name, or a file of 'cfd table -o'."),
+        str, option("--table T", "Torque table: shipped name, or a file of 'cfd table -o'.")
     ] = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """Show the air torque of all models side by side, and as coefficients of the air effects."""
+    """Compare the air torque of all models, and show it as coefficients of the air effects."""
     from gyrowheel.air_flow import page as render
     from gyrowheel.air_flow.api import Geometry, TorqueTable, air_state, compare
     from gyrowheel_core.units import DEG, RPM
@@ -195,22 +162,15 @@ def sweep(
     context: typer.Context,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder of the study, needed unless --resume; finished cases in it are kept.",
-            show_default=False,
+        option(
+            "-o --output DIR", "Folder of the study, needed unless --resume; finished cases in it are kept."
         ),
     ] = None,
     resume: Resume = None,
-    tilts: Annotated[str, typer.Option("--tilts", metavar="DEG,..", help="Tilts, in deg.")] = "0,1,2,3,4,5",
-    speeds: Annotated[
-        str, typer.Option("--speeds", metavar="RPM,..", help="Spin rates, in rpm.")
-    ] = "1000,2000,3000,3500,4000",
+    tilts: Annotated[str, option("--tilts DEG,..", "Tilts, in deg.")] = "0,1,2,3,4,5",
+    speeds: Annotated[str, option("--speeds RPM,..", "Spin rates, in rpm.")] = "1000,2000,3000,3500,4000",
     base: Annotated[
-        float,
-        typer.Option("--base", metavar="RPM", help="First speed of a tilt, from which the others start."),
+        float, option("--base RPM", "First speed of a tilt, from which the others start.")
     ] = 3500.0,
     mesh: MeshName = "low_re",
     model: ModelName = None,
@@ -218,27 +178,22 @@ def sweep(
     settle: Settle = 0,
     checks: Annotated[
         bool,
-        typer.Option(
+        option(
             "--checks",
-            help="Also compute the cases that show the influence of mesh, model and axes, at the largest tilt.",
+            "Also compute the cases that show the influence of mesh, model and axes, at the largest tilt.",
         ),
     ] = False,
     temperature: Temperature = None,
     pressure: Pressure = None,
     geometry: GeometryFile = "gyrowheel",
     jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs", metavar="N", min=1, help="Cases at a time.", show_default="cores of this machine"
-        ),
+        int | None, option("--jobs N", "Cases at a time.", "cores of this machine", min=1)
     ] = None,
     dask: Annotated[
         str | None,
-        typer.Option(
-            "--dask",
-            metavar="ADDRESS",
-            help="Run on the workers of this Dask scheduler, which must see the folder of the study.",
-            show_default=False,
+        option(
+            "--dask ADDRESS",
+            "Run on the workers of this Dask scheduler, which must see the folder of the study.",
         ),
     ] = None,
     json: Json = None,
@@ -252,8 +207,8 @@ def sweep(
         raise InputError("-o: missing; name the folder of the study")
     folder = place_of(output, resume, "sweep")
     settings = sweeps.SweepSettings(
-        tilts=_numbers("--tilts", tilts),
-        speeds=_numbers("--speeds", speeds),
+        tilts=sorted({*numbers(tilts, "--tilts")}),
+        speeds=sorted({*numbers(speeds, "--speeds")}),
         base=base,
         geometry=geometry,
         mesh=mesh,
@@ -291,23 +246,15 @@ def sweep(
 @cfd_app.command(epilog=example("gyrowheel cfd table runs/air --check -o table.json"))
 def table(
     study: Annotated[
-        str,
-        typer.Argument(
-            metavar="DIR|FILE", help="Folder of a study, or a table; the shipped table by default."
-        ),
+        str, argument("DIR|FILE", "Folder of a study, or a table; the shipped table by default.")
     ] = "gyrowheel",
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="FILE", help="Write the table (JSON, SI units).", show_default=False
-        ),
-        TORQUE_TABLE,
+        Path | None, option("-o --output FILE", "Write the table (JSON, SI units)."), TORQUE_TABLE
     ] = None,
     check: Annotated[
         bool,
-        typer.Option(
-            "--check",
-            help="Check the table against what was found of the flow; exit with 1 if a line misses.",
+        option(
+            "--check", "Check the table against what was found of the flow; exit with 1 if a line misses."
         ),
     ] = False,
     json: Json = None,
@@ -334,19 +281,12 @@ def table(
 
 @cfd_app.command(epilog=example("gyrowheel cfd pictures runs/air -o pictures"))
 def pictures(
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.", show_default=False),
-    ],
+    output: Annotated[Path, option("-o --output DIR", "Folder for the pictures.")],
     study: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="DIR", help="Folder of a study, for the pictures of mesh and flow.", show_default=False
-        ),
+        Path | None, argument("DIR", "Folder of a study, for the pictures of mesh and flow.")
     ] = None,
     table: Annotated[
-        str,
-        typer.Option("--table", metavar="T", help="Torque table: shipped name, or a file of 'cfd table -o'."),
+        str, option("--table T", "Torque table: shipped name, or a file of 'cfd table -o'.")
     ] = "gyrowheel",
 ) -> None:
     """Draw torques, mesh and flow as in Figs 5 to 12 of the paper."""
@@ -361,11 +301,3 @@ def pictures(
         path = output / f"{name}.png"
         write_figure(figure, path)
         out().print(f"{path}: {sentence}", soft_wrap=True)
-
-
-def _numbers(option: str, text: str) -> list[float]:
-    try:
-        values = sorted({float(word) for word in text.split(",")})
-    except ValueError:
-        raise InputError(f"{option}: {text!r} is not a list of numbers like 0,1,2.5") from None
-    return values

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.blind_tests.key import OpenedKey, Quantity
+from gyrowheel.blind_tests.judge import OpenedKey, Quantity
 from gyrowheel.blind_tests.page import key_page
 from gyrowheel.catalogue.api import load_bench
 from gyrowheel.models.api import Model

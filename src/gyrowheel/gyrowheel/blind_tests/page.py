@@ -7,19 +7,18 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.panel import Panel
 from rich.text import Text
 
-from gyrowheel.show.layout import heading, words_table
-from gyrowheel.show.quantities import decimal, is_pure, quantity, with_error
+from gyrowheel.show.formulas import is_pure
+from gyrowheel.show.layout import heading, indented, words_table
+from gyrowheel_core.quantities import decimal, quantity, with_error
 from gyrowheel_sim.effects import EffectValues, registry
 
 if TYPE_CHECKING:
-    from gyrowheel.blind_tests.key import OpenedKey, Quantity
+    from gyrowheel.blind_tests.judge import OpenedKey, Quantity
     from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, Estimate
 
-_INDENT = (0, 0, 0, 2)
 _COLOURS = {None: "cyan", "exact": "green", "misnamed": "red"}
 
 
@@ -36,7 +35,7 @@ def key_page(key: OpenedKey) -> Iterator[RenderableType]:
             first = Text("" if q.owner == last else q.owner, style="cyan")
             table.add_row(first, *(_row(q) if against else _row(q)[:2]))
             last = q.owner
-        yield Padding(table, _INDENT)
+        yield indented(table)
     if key.parameters:
         yield heading("Drawn bench parameters")
         table = words_table(
@@ -44,7 +43,7 @@ def key_page(key: OpenedKey) -> Iterator[RenderableType]:
         )
         for q in key.parameters:
             table.add_row(*_row(q))
-        yield Padding(table, _INDENT)
+        yield indented(table)
 
 
 def _row(q: Quantity) -> tuple[str, str, str, str]:

@@ -5,34 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import finding, put
-from gyrowheel.cli.options import Json, example
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel key key.json --against wheel.yaml"))(key)
+from gyrowheel.cli.options import Json, argument, option
 
 
 def key(
-    file: Annotated[Path, typer.Argument(metavar="KEY", help="Key file of --blind.", show_default=False)],
-    against: Annotated[
-        Path | None,
-        typer.Option("--against", metavar="M.yaml", help="Model file to judge.", show_default=False),
-    ] = None,
+    file: Annotated[Path, argument("KEY", "Key file of --blind.")],
+    against: Annotated[Path | None, option("--against M.yaml", "Model file to judge.")] = None,
     bench: Annotated[
         str | None,
-        typer.Option(
-            "--bench",
-            metavar="B",
-            help="Bench that the key was drawn for: shipped name, or a bench file.",
-            show_default="that of the model, or gyrowheel",
+        option(
+            "--bench B",
+            "Bench that the key was drawn for: shipped name, or a bench file.",
+            "that of the model, or gyrowheel",
         ),
     ] = None,
     fail_on_finding: Annotated[
-        bool, typer.Option("--fail-on-finding", help="Exit with 1 unless the model is right.")
+        bool, option("--fail-on-finding", "Exit with 1 unless the model is right.")
     ] = False,
     json: Json = None,
 ) -> None:

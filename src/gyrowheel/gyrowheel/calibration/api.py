@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.correction import explained_by, wrong_setups
-from gyrowheel.recordings.inputs import Recordings, Say, data, opened, require_one_machine
+from gyrowheel.recordings.api import explained_by, wrong_setups
+from gyrowheel.recordings.inputs import Recordings, Say, data, of_one_machine
 from gyrowheel.show.result import Result, columns_of
 from gyrowheel_analysis import calibrate as facts
 
@@ -40,7 +40,7 @@ class Calibration(Result, facts.Calibration):
 
     def headline(self) -> str:
         """Return the constants with their standard errors."""
-        from gyrowheel.show.quantities import with_error
+        from gyrowheel_core.quantities import with_error
 
         return ", ".join(
             f"{name} = {with_error(c.after.value, c.after.standard_error, c.unit)}"
@@ -100,8 +100,7 @@ def calibrate(
     InputError
         If there is too little steady motion, or nothing could be determined.
     """
-    given = opened(recordings)
-    require_one_machine(data(given), mixed=mixed)
+    given = of_one_machine(recordings, mixed=mixed)
     wrong = wrong_setups(given, model.details, mixed=mixed)
     with explained_by(wrong):
         found = facts.calibrate(data(given), model.details, progress=progress)

@@ -6,26 +6,24 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from gyrowheel.show.layout import figures_table, heading, sentences
-from gyrowheel.show.quantities import decimal, pair, short
+from gyrowheel.show.layout import figures_table, heading, indented, sentences
 from gyrowheel.show.sentences.proof import calibration_notes
+from gyrowheel_core.quantities import decimal, pair, short
 from gyrowheel_core.units import unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
 
-_INDENT = (0, 0, 0, 2)
 _FAR = 3.0  # stated uncertainties
 
 
 def calibration_page(result: Calibration) -> Iterator[RenderableType]:
     """Yield the constants before and after, and what limits them."""
     yield heading("Constants")
-    yield Padding(_table(result), _INDENT)
+    yield indented(_table(result))
     yield Text()
     yield from sentences(_remarks(result))
 

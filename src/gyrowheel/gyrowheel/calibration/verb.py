@@ -6,23 +6,16 @@ import contextlib
 import shlex
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import editing, put, warn_of, working
-from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, example
+from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, option
 from gyrowheel.show.files import require_writable
 from gyrowheel_core.errors import InputError
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel calibrate runs/cone runs/coast_down --model wheel.yaml"))(calibrate)
 
 
 def calibrate(
     directories: Recordings,
     model: ModelFile,
-    write: Annotated[bool, typer.Option("--write", help="Write the constants into the model file.")] = False,
+    write: Annotated[bool, option("--write", "Write the constants into the model file.")] = False,
     mixed: Mixed = False,
     json: Json = None,
 ) -> None:

@@ -128,7 +128,7 @@ def campaign(
     Returns
     -------
     CampaignResult
-        The finished cases, also after Ctrl-C; if there are none, KeyboardInterrupt is raised again.
+        The finished cases, also after Ctrl-C; without any, KeyboardInterrupt is raised again.
 
     Raises
     ------
@@ -186,13 +186,7 @@ def campaign(
 
 
 def settings_of(folder: str | Path) -> dict[str, Any]:
-    """Return the arguments of `campaign` that determine the results of the campaign in a folder.
-
-    Raises
-    ------
-    InputError
-        If there is no campaign.
-    """
+    """Return the arguments of `campaign` that determine the results of the campaign in a folder."""
     found = begun(Path(folder), KIND).settings
     return found | {"bench": Bench.from_text(found["bench"], origin=str(folder))}
 

@@ -21,38 +21,23 @@ MOST_LOST = 0.2
 
 @dataclass(frozen=True)
 class Campaign:
-    """Settings of a campaign; together with its number they determine a case.
+    """Settings of a campaign; together with its number they determine a case."""
 
-    Attributes
-    ----------
-    plan, validation_plan : str
-        Text of the plan that is diagnosed, and of the plan of the validation recording.
-    bench : Bench
-        The bench as its file describes it.
-    seed : int
-        Seed; not negative.
-    kinds : tuple of str
-        Kinds of cases; see `SHARES` for their frequencies.
-    noise, drift : float
-        White noise and slow drifts of the readings, as multiples of the stated ones; every case varies about them.
-    gains : float
-        Spin gains, as multiples of those of the default controller; every case varies all gains.
-    lost : float
-        Fraction of lost samples, 0 .. 0.2.
-    reality : bool
-        Whether the instruments are imperfect as well, and events may happen (kind ``event``).
-    """
-
-    plan: str
+    plan: str  # text of the plan that is diagnosed, and of the plan of the validation recording
     validation_plan: str
-    bench: Bench = field(default_factory=Bench.load)
-    seed: int = 0
-    kinds: tuple[CaseKind, ...] = tuple(KINDS)
+    bench: Bench = field(default_factory=Bench.load)  # the bench as its file describes it
+    seed: int = 0  # seed; not negative
+    kinds: tuple[CaseKind, ...] = tuple(KINDS)  # kinds of cases; see `SHARES` for their frequencies
+    #: White noise and slow drifts of the readings, as multiples of the stated ones; every case varies about them.
     noise: float = 1.0
     drift: float = 1.0
-    gains: float = 1.0
-    lost: float = 0.0
-    reality: bool = False
+    gains: float = (
+        1.0  # spin gains, as multiples of those of the default controller; every case varies all gains
+    )
+    lost: float = 0.0  # fraction of lost samples, 0 .. 0.2
+    reality: bool = (
+        False  # whether the instruments are imperfect as well, and events may happen (kind ``event``)
+    )
 
     def __post_init__(self) -> None:
         """Check every setting, and both plans against the bench."""
@@ -82,43 +67,16 @@ class Campaign:
 
 @dataclass(frozen=True)
 class Case:
-    """One case: everything that a worker needs to simulate, diagnose and judge it.
-
-    Attributes
-    ----------
-    campaign : Campaign
-        The settings.
-    index : int
-        Number of the case, from 0.
-    kind : str
-        Kind of the case.
-    ordinal : int
-        Number of earlier cases of its kind: the effects take turns.
-    """
+    """One case: everything that a worker needs to simulate, diagnose and judge it."""
 
     campaign: Campaign
-    index: int
+    index: int  # from 0
     kind: CaseKind
-    ordinal: int
+    ordinal: int  # number of earlier cases of its kind: the effects take turns
 
 
 def cases(campaign: Campaign, count: int, only: Sequence[int] = ()) -> list[Case]:
-    """Return the cases of a campaign; a case does not depend on the number of cases.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The settings.
-    count : int
-        Number of cases.
-    only : sequence of int
-        Numbers of the cases to return; all if empty.
-
-    Raises
-    ------
-    InputError
-        If there is no case, or one of `only` is not among them.
-    """
+    """Return the cases of a campaign, or those of some numbers; a case does not depend on the number of cases."""
     if count < 1:
         raise InputError(f"cases: {count} is out of range; allowed: >= 1")
     for index in only:

@@ -11,15 +11,5 @@ from gyrowheel_recording.bags import Recording
 
 
 def find(recording: Path, unused: Path, model: Model) -> Diagnosis:
-    """Diagnose a recording.
-
-    Parameters
-    ----------
-    recording : Path
-        The recording to diagnose.
-    unused : Path
-        A validation recording of the same machine, on which nothing is fitted.
-    model : Model
-        The bench as its file describes it.
-    """
+    """Diagnose a recording with the model of the bench; on the second recording nothing is fitted."""
     return diagnose([Recording.open(recording)], model, validate=[Recording.open(unused)])

@@ -16,8 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.campaigns.cases import Case
-from gyrowheel.campaigns.outside import OutsideForm, declared, outside_forms
-from gyrowheel.campaigns.reality import HiddenEvent, draw_amounts, draw_event, draw_wrong, events, shape_of
+from gyrowheel.campaigns.reality import (
+    HiddenEvent,
+    OutsideForm,
+    declared,
+    draw_amounts,
+    draw_event,
+    draw_wrong,
+    events,
+    outside_forms,
+    shape_of,
+)
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT, EVENT_GAIN
 from gyrowheel_analysis.diagnosis.event_scan import places, price
@@ -56,44 +65,25 @@ _VARIED_GAINS = tuple(item.name for item in fields(Gains))
 
 @dataclass(frozen=True)
 class Secret:
-    """The hidden machine of a case.
-
-    Attributes
-    ----------
-    scenario : Scenario
-        The machine.
-    truth : dict
-        {effect or error of a bench parameter: {coefficient: value}}.
-    sizes : dict of str to float
-        Size of each over its detection limit in a recording of this plan; NaN if the plan does not show it.
-    resembles : tuple of (str, str) or None
-        For an effect outside the library: the library effect that is right with another exponent, and the
-        exponent.
-    gains : Gains
-        Gains of the controller.
-    lost : float
-        Fraction of lost samples.
-    noise, drift : float
-        White noise and slow drifts, as multiples of the stated ones.
-    instruments : dict
-        Wrong instruments: {effect: {coefficient: value}}.
-    event : HiddenEvent or None
-        Event in the first recording.
-    event_values : dict
-        Its coefficients.
-    """
+    """The hidden machine of a case."""
 
     scenario: Scenario
-    truth: EffectValues = field(default_factory=dict)
+    truth: EffectValues = field(
+        default_factory=dict
+    )  # {effect or error of a bench parameter: {coefficient: value}}
+    #: Size of each over its detection limit in a recording of this plan; NaN if the plan does not show it.
     sizes: dict[str, float] = field(default_factory=dict)
+    #: Outside the library: the effect that is right with another exponent, and the exponent.
     resembles: tuple[str, str] | None = None
-    gains: Gains = field(default_factory=Gains)
-    lost: float = 0.0
-    noise: float = 1.0
+    gains: Gains = field(default_factory=Gains)  # of the controller
+    lost: float = 0.0  # fraction of lost samples
+    noise: float = 1.0  # white noise and slow drifts, as multiples of the stated ones
     drift: float = 1.0
-    instruments: EffectValues = field(default_factory=dict)
-    event: HiddenEvent | None = None
-    event_values: dict[str, float] = field(default_factory=dict)
+    instruments: EffectValues = field(
+        default_factory=dict
+    )  # wrong instruments: {effect: {coefficient: value}}
+    event: HiddenEvent | None = None  # event in the first recording
+    event_values: dict[str, float] = field(default_factory=dict)  # its coefficients
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of the key file."""
@@ -112,17 +102,10 @@ class Secret:
 
 
 class Yardstick:
-    """Detection limits of a plan.
+    """Detection limits of a plan on a bench.
 
     A recording of the stated bench is reduced once. The response of an effect is measured in units of the noise, after
     a fit of all bench parameters.
-
-    Parameters
-    ----------
-    bench : Bench
-        The bench as its file describes it.
-    plan : Plan
-        The plan.
     """
 
     def __init__(self, bench: Bench, plan: Plan) -> None:
@@ -143,18 +126,10 @@ class Yardstick:
         self.errors = parameter_errors(self._problem.bench)
 
     def size(self, name: str, values: dict[str, float], drift: float, beside: EffectValues) -> float:
-        """Return the size of an effect over its detection limit; NaN if the recording does not show it.
+        """Return the size of an effect, or an event, over its detection limit; NaN if the recording does not show it.
 
-        Parameters
-        ----------
-        name : str
-            A registered effect, or an event.
-        values : dict
-            Its coefficients.
-        drift : float
-            Drifts, as multiples of the stated ones.
-        beside : EffectValues
-            Other hidden effects: the part of the response that they explain does not count.
+        `drift` is a multiple of the stated drifts. The part of the response that the other hidden effects in `beside`
+        explain does not count.
         """
         others = [self._response(other, given) for other, given in beside.items()]
         left = self._left(np.column_stack([*others, self._response(name, values)]), drift)
@@ -241,15 +216,7 @@ def _over_limit(chi2: float, needed: float) -> float:
 
 
 def hide(case: Case, measure: Yardstick) -> Secret:
-    """Draw the secret of a case, the same wherever it is drawn.
-
-    Parameters
-    ----------
-    case : Case
-        The case.
-    measure : Yardstick
-        Detection limits of its plan.
-    """
+    """Draw the secret of a case, the same wherever it is drawn; `measure` has the detection limits of its plan."""
     campaign = case.campaign
     bench = campaign.bench
     rng = np.random.default_rng([campaign.seed, case.index, 0x68696465])
@@ -355,25 +322,19 @@ def _library(
             known[name],
             drawn[name],
             factor,
-            functools.partial(_size, measure, name, drift, beside),
+            functools.partial(measure.size, name, drift=drift, beside=beside),
             capped=True,
         )
     return truth, sizes
 
 
-def _size(
-    measure: Yardstick, name: str, drift: float, beside: EffectValues, values: dict[str, float]
-) -> float:
-    return measure.size(name, values, drift, beside)
-
-
 def _scaled(
     effect: Effect, values: dict[str, float], factor: float, size: Any, *, capped: bool
 ) -> tuple[dict[str, float], float]:
-    """Return an effect's coefficients with its amplitudes scaled so that its size is `factor`, and the size.
+    """Return an effect's coefficients, with its amplitudes scaled to a size, and the size.
 
-    An effect that the recording does not show keeps the drawn size. With `capped` no amplitude is beyond
-    a multiple of the largest usual size, and none is ever beyond its bounds, nor all together beyond what is possible.
+    An effect that the recording does not show keeps the drawn size. With `capped` no amplitude exceeds a multiple of
+    the largest usual size; none exceeds its bounds, and their sum not the largest possible one.
     """
     # all amplitudes together, beyond which the effect is none: the Earth does not turn faster
     most_together = math.inf if effect.greatest is None else effect.greatest
@@ -416,21 +377,7 @@ def _draw_gains(usual: Gains, spin: float, rng: np.random.Generator) -> Gains:
 
 
 def record(case: Case, secret: Secret, plan: str, part: int, directory: Path) -> None:
-    """Run a plan on the hidden machine and write the recording.
-
-    Parameters
-    ----------
-    case : Case
-        The case.
-    secret : Secret
-        Its machine.
-    plan : str
-        Text of the plan.
-    part : int
-        Number of the recording: each has its own noise.
-    directory : Path
-        To create.
-    """
+    """Run a plan (text) on the hidden machine and write the recording; each `part` has its own noise."""
     bench = case.campaign.bench
     seeds = np.random.SeedSequence([secret.scenario.noise_seed, part]).generate_state(2)
     scenario = replace(secret.scenario, noise_seed=int(seeds[0]))

@@ -1,27 +1,27 @@
-"""Campaign: rate of right answers, wrong answers, confusion, and coverage of the stated intervals."""
+"""Campaign: rate of right answers, wrong answers, confusion, and coverage of the stated intervals; as HTML, too."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from markupsafe import Markup
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
 from gyrowheel.blind_tests.judge import OUTCOMES
 from gyrowheel.campaigns.judge import DATED, DETECTABLE
-from gyrowheel.campaigns.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, covered
-from gyrowheel.show.layout import figures_table, heading, sentences, words_table
-from gyrowheel.show.quantities import fixed, seconds
+from gyrowheel.campaigns.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, Summary, covered
+from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet
+from gyrowheel.show.layout import figures_table, heading, indented, sentences, words_table
+from gyrowheel_core.quantities import fixed, seconds
 
 if TYPE_CHECKING:
     from gyrowheel.campaigns.judge import Judged
     from gyrowheel.campaigns.summary import Summary
 
-_INDENT = (0, 0, 0, 2)
 #: Kinds of cases in words.
 KINDS = {
     "none": "nothing",
@@ -56,7 +56,7 @@ def campaign_page(summary: Summary) -> Iterator[RenderableType]:
     yield from _confusion(summary)
     yield heading("Coverage of the intervals")
     if summary.intervals or summary.parameters:
-        yield Padding(_coverage(summary), _INDENT)
+        yield indented(_coverage(summary))
     yield from sentences(_numbers(summary))
 
 
@@ -134,10 +134,10 @@ def _mistakes(summary: Summary) -> Iterator[RenderableType]:
     table.columns[0].justify = "right"
     for case in wrong:
         table.add_row(str(case.index), hidden(case), answered(case), _WORDS.get(case.outcome, case.outcome))
-    yield Padding(table, _INDENT)
+    yield indented(table)
     kinds = {c.outcome: OUTCOMES[c.outcome] for c in wrong}
     for outcome, meaning in kinds.items():
-        yield Padding(Text(f"{_WORDS.get(outcome, outcome)}: {meaning}", style="dim"), _INDENT)
+        yield indented(Text(f"{_WORDS.get(outcome, outcome)}: {meaning}", style="dim"))
 
 
 def _confusion(summary: Summary) -> Iterator[RenderableType]:
@@ -165,7 +165,7 @@ def _confusion(summary: Summary) -> Iterator[RenderableType]:
             text.append(f"{_plain(label)}{seen}", style="dim" if seen and style == "green" else style)
             text.append(f" {len(cases)}")
         table.add_row(name, str(len(rows[name])), text)
-    yield Padding(table, _INDENT)
+    yield indented(table)
 
 
 def _coverage(summary: Summary) -> Table:
@@ -215,7 +215,7 @@ def answered(case: Judged) -> str:
         return case.error
     text = " + ".join(case.named + case.instruments_named) or _plain(case.verdict)
     if case.beside_unknown:
-        text = f"unknown, beside {text}"
+        text = f"{text}, and something unknown"
     if case.ties:
         text += f" or {', '.join(dict.fromkeys(name for name, _ in case.ties))}"
     return text
@@ -239,3 +239,93 @@ def rate_words(rate: Rate) -> str:
 
 def _number(part: float) -> str:
     return f"{100.0 * part:.1f}".removesuffix(".0")
+
+
+def campaign_report(summary: Summary, command: str) -> str:
+    """Return a campaign as one page of HTML that needs no network and runs no script.
+
+    `command` is the command that repeats the campaign.
+    """
+    content: dict[str, Any] = {
+        "schema": 1,
+        "title": summary.title,
+        "campaign": summary.to_json(),
+        "cases": [case.to_json() for case in summary.cases],
+    }
+    cells = Cells(content)
+    wrong = [(k, case) for k, case in enumerate(summary.cases) if not case.right]
+    return (
+        environment("gyrowheel.campaigns")
+        .get_template("campaign.html")
+        .render(
+            style=style_sheet(),
+            mark=Markup(REPORT_MARKS[0]),
+            title=cells.words("title"),
+            done=cells.digits("campaign.cases", 0),
+            asked=cells.digits("campaign.asked", 0),
+            right=len(summary.cases) - len(wrong),
+            mood="good" if not wrong else "found",
+            detectable=f"{DETECTABLE:g}",
+            kinds=list(_kind_rows(summary, cells)),
+            wrong=[
+                {
+                    "index": cells.digits(f"cases.{k}.case", 0),
+                    "hidden": hidden(case),
+                    "answered": answered(case),
+                    "meaning": OUTCOMES[case.outcome],
+                }
+                for k, case in wrong
+            ],
+            confusion=[
+                {
+                    "truth": truth,
+                    "answers": [
+                        (name, cells.digits(f"campaign.confusion.{truth}.{name}", 0))
+                        for name in content["campaign"]["confusion"][truth]
+                    ],
+                }
+                for truth in content["campaign"]["confusion"]
+            ],
+            levels=[f"{100 * level:g} %" for level in LEVELS],
+            coverage=[
+                {
+                    "what": words,
+                    "parts": [_part(cells, f"campaign.coverage.{name}", f"{level:g}") for level in LEVELS],
+                    "of": cells.digits(f"campaign.coverage.{name}.n", 0),
+                }
+                for name, words in (("coefficients", "true coefficient"), ("bench", "true parameter"))
+                if content["campaign"]["coverage"][name]["n"]
+            ],
+            seconds="" if math.isnan(summary.median_seconds) else cells.digits("campaign.median_seconds", 2),
+            command=command,
+            json=embedded(content),
+        )
+    )
+
+
+def _kind_rows(summary: Summary, cells: Cells) -> Any:
+    """Yield a row for each kind of case: counts, and the rate of right answers with its interval."""
+    for kind, words in KINDS.items():
+        cases = summary.of_kind(kind)
+        if not cases:
+            continue
+        row: dict[str, Any] = dict.fromkeys(("seen", "exact", "tied", "wrong"), "–")
+        row |= {"kind": words, "n": len(cases)}
+        if kind in ("single", "pair"):
+            place = f"campaign.{kind}"
+            row["n"] = cells.digits(f"{place}.n", 0)
+            row |= {name: cells.digits(f"{place}.{name}", 0) for name in ("exact", "tied", "wrong")}
+            row["seen"] = cells.digits(f"{place}.detectable", 0)
+            how = summary.outcomes(summary.detectable(kind))
+            rate = Rate(how["exact"] + how["tied"], len(summary.detectable(kind)))
+        else:
+            if kind in ("none", "outside"):
+                row["n"] = cells.digits(f"campaign.{kind}.n", 0)
+            rate = Rate(sum(case.right for case in cases), len(cases))
+        yield row | {"rate": rate_words(rate)}
+
+
+def _part(cells: Cells, place: str, level: str) -> Markup:
+    # the name of a level contains a point, which separates the parts of a place
+    value = cells.at(place)[level]
+    return Markup('<span data-how="{}">{}</span>').format(f"{place}[{level}]", f"{100.0 * value:.1f} %")

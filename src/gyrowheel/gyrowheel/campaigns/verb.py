@@ -11,9 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gyrowheel.cli.console import INTERRUPTED, notes, put, put_json
-from gyrowheel.cli.options import BenchName, Json, example
+from gyrowheel.cli.options import (
+    BenchName,
+    Json,
+    Resume,
+    going_on,
+    going_on_command,
+    merged,
+    option,
+    place_of,
+)
 from gyrowheel.cli.outputs import Output, json_content
-from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
 
 if TYPE_CHECKING:
     from gyrowheel.campaigns.judge import Judged
@@ -29,98 +37,56 @@ def _is_case_list(path: Path) -> bool:
 _CASE_LIST = Output("an earlier list of cases", _is_case_list)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel campaign --cases 40 --seed 3 --plan quick"))(campaign)
-
-
 def campaign(
     context: typer.Context,
     plan: Annotated[
-        str, typer.Option("--plan", metavar="P", help="Plan that is diagnosed: shipped name, or a plan file.")
+        str, option("--plan P", "Plan that is diagnosed: shipped name, or a plan file.")
     ] = "survey",
     validation_plan: Annotated[
-        str,
-        typer.Option("--validation-plan", metavar="P", help="Plan of the recording that is only predicted."),
+        str, option("--validation-plan P", "Plan of the recording that is only predicted.")
     ] = "check",
-    cases: Annotated[int, typer.Option("--cases", metavar="N", help="Number of cases.")] = 100,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Seed of everything that is drawn.")] = 0,
+    cases: Annotated[int, option("--cases N", "Number of cases.")] = 100,
+    seed: Annotated[int, option("--seed N", "Seed of everything that is drawn.")] = 0,
     kinds: Annotated[
         str | None,
-        typer.Option(
-            "--kinds",
-            metavar="K,K..",
-            help="What may be hidden: none, single, pair, outside; with --reality also event.",
-            show_default="none,single,pair,outside; with --reality none,single,event",
+        option(
+            "--kinds K,K..",
+            "What may be hidden: none, single, pair, outside; with --reality also event.",
+            "none,single,pair,outside; with --reality none,single,event",
         ),
     ] = None,
     reality: Annotated[
         bool,
-        typer.Option(
-            "--reality", help="Imperfect instruments as well, several at once, and events in the recordings."
-        ),
+        option("--reality", "Imperfect instruments as well, several at once, and events in the recordings."),
     ] = False,
-    noise: Annotated[
-        float, typer.Option("--noise", metavar="X", help="White noise, as a multiple of the stated one.")
-    ] = 1.0,
-    drift: Annotated[
-        float, typer.Option("--drift", metavar="X", help="Slow drifts, as a multiple of the stated ones.")
-    ] = 1.0,
+    noise: Annotated[float, option("--noise X", "White noise, as a multiple of the stated one.")] = 1.0,
+    drift: Annotated[float, option("--drift X", "Slow drifts, as a multiple of the stated ones.")] = 1.0,
     gains: Annotated[
-        float,
-        typer.Option(
-            "--gains", metavar="X", help="Spin gains, as a multiple of those of the default controller."
-        ),
+        float, option("--gains X", "Spin gains, as a multiple of those of the default controller.")
     ] = 1.0,
-    lost: Annotated[
-        float,
-        typer.Option("--lost", metavar="PART", help="Fraction of the samples that is lost: 0.01 is 1 %."),
-    ] = 0.0,
+    lost: Annotated[float, option("--lost PART", "Fraction of the samples that is lost: 0.01 is 1 %.")] = 0.0,
     jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs", metavar="N", help="Cases at a time on this machine.", show_default="one per core"
-        ),
+        int | None, option("--jobs N", "Cases at a time on this machine.", "one per core")
     ] = None,
     dask: Annotated[
-        str | None,
-        typer.Option(
-            "--dask",
-            metavar="ADDRESS",
-            help="Address of a Dask scheduler whose workers run the cases.",
-            show_default=False,
-        ),
+        str | None, option("--dask ADDRESS", "Address of a Dask scheduler whose workers run the cases.")
     ] = None,
     only: Annotated[
-        list[int] | None,
-        typer.Option(
-            "--only", metavar="I", help="Run this case only, by number. Repeatable.", show_default=False
-        ),
+        list[int] | None, option("--only I", "Run this case only, by number. Repeatable.")
     ] = None,
     keep: Annotated[
         Path | None,
-        typer.Option(
-            "--keep",
-            metavar="DIR",
-            help="Keep recordings, keys and diagnoses here (tens of megabytes per case).",
-            show_default=False,
-        ),
+        option("--keep DIR", "Keep recordings, keys and diagnoses here (tens of megabytes per case)."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="New folder that keeps each finished case, to go on from.",
-            show_default="out/campaign-N",
+        option(
+            "-o --output DIR", "New folder that keeps each finished case, to go on from.", "out/campaign-N"
         ),
     ] = None,
     resume: Resume = None,
     list_file: Annotated[
-        Path | None,
-        typer.Option("--list", metavar="FILE", help="Write every case as JSON here.", show_default=False),
-        _CASE_LIST,
+        Path | None, option("--list FILE", "Write every case as JSON here."), _CASE_LIST
     ] = None,
     bench: BenchName = "gyrowheel",
     json: Json = None,
@@ -136,8 +102,9 @@ def campaign(
     """
     from gyrowheel.campaigns.api import campaign as run
     from gyrowheel.campaigns.api import settings_of
-    from gyrowheel.campaigns.page import case_line
+    from gyrowheel.campaigns.page import campaign_report, case_line
     from gyrowheel.campaigns.workers import one_at_a_time
+    from gyrowheel.show.files import write_text
 
     folder = place_of(output, resume, "campaign")
     settings: dict[str, Any] = {
@@ -179,10 +146,8 @@ def campaign(
             resume=resume is not None,
             progress=progress,
         )
-    from gyrowheel.campaigns.report import save_campaign
-
     report = folder / "report.html"
-    save_campaign(result, report, _command(settings))
+    write_text(report, campaign_report(result, _command(settings)))
     if list_file is not None:
         put_json(str(list_file), [case.to_json() for case in result.cases])
     put(result, json)

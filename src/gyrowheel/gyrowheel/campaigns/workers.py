@@ -28,23 +28,10 @@ _CONNECT = 20.0  # s
 
 
 def run_case(case: Case, keep: str | None = None, scratch: str | None = None) -> Judged:
-    """Simulate a case, diagnose it, and judge the answer.
+    """Simulate a case, diagnose it, and judge the answer; the case determines the result completely.
 
-    Parameters
-    ----------
-    case : Case
-        The case; it determines the result completely.
-    keep : str, optional
-        Existing folder that keeps recordings, key and diagnosis, in a folder for each case.
-    scratch : str, optional
-        Existing folder for temporary files; that of the system if not given.
-
-    Raises
-    ------
-    InputError
-        If recordings cannot be written.
-    MemoryError, OSError
-        If the machine lacks something.
+    `keep` is a folder that keeps recordings, key and diagnosis, `scratch` one for temporary files; both must exist.
+    InputError if recordings cannot be written; MemoryError and OSError if the machine lacks something.
     """
     # not undone: several threads of one worker may run cases, and all need this limit
     threadpool_limits(limits=1, user_api="blas")
@@ -105,13 +92,7 @@ def one_at_a_time() -> str:
 
 
 def check_jobs(jobs: int) -> None:
-    """Refuse an impossible number of processes.
-
-    Raises
-    ------
-    InputError
-        If it is less than one, or more than one where processes cannot share work.
-    """
+    """Refuse an impossible number of processes: less than one, or several where processes cannot share work."""
     if jobs < 1:
         raise InputError(f"jobs: {jobs} is out of range; allowed: >= 1")
     if jobs > 1 and (why := hindrance()):
@@ -129,23 +110,9 @@ def judged_cases(
 ) -> Iterator[Iterator[Judged]]:
     """Yield an iterator over judged cases in the order in which they finish; leaving the block ends all work.
 
-    Parameters
-    ----------
-    cases : sequence of Case
-        The cases to run.
-    jobs : int
-        Number of processes; with 1 the cases run in this process.
-    dask : str, optional
-        Address of a Dask scheduler; its workers then run the cases, and need this software.
-    keep : str, optional
-        See `run_case`; on a cluster a path that its workers can write to.
-    scratch : str, optional
-        Existing folder of this machine for temporary files; that of the system if not given.
-
-    Raises
-    ------
-    InputError
-        If `jobs` is impossible, Dask is not installed, or the scheduler does not answer.
+    The cases run in `jobs` processes (in this one if there is one job), or on the workers of a Dask scheduler, which
+    need this software and must be able to write to `keep`. InputError if `jobs` is impossible, Dask is not installed,
+    or the scheduler does not answer.
     """
     check_jobs(jobs)
     if not cases:

@@ -73,14 +73,8 @@ def _effect_names() -> list[str]:
     return list(registry())
 
 
-def _effect(name: str) -> Effect:
-    from gyrowheel_sim.effects import get
-
-    return get(name)
-
-
-def effect_on(bench: Bench, name: str) -> Effect:
-    """Return an effect with its usual sizes on a bench; InputError if there is none of that name."""
+def effect_on(name: str, bench: Bench | None = None) -> Effect:
+    """Return an effect, with its usual sizes on a bench; InputError for an unknown name."""
     from gyrowheel_sim.effects import get
 
     return get(name, bench=bench)
@@ -93,17 +87,9 @@ def _plan_names() -> list[str]:
 
 
 def load_plan(source: str | Path) -> Plan:
-    """Return a test plan.
+    """Return a test plan: shipped name, plan file or text of one; also varied, as ``quick@rig=inverted``.
 
-    Parameters
-    ----------
-    source : str or Path
-        Shipped name, plan file or text of one; also varied, as ``quick@rig=inverted``.
-
-    Raises
-    ------
-    InputError
-        If there is no such plan, or a field of it is missing, unknown or out of range.
+    InputError for an unknown name, or a field that is missing, unknown or out of range.
     """
     from gyrowheel_control.plans.plan import Plan
 
@@ -130,14 +116,14 @@ def _bench_names() -> list[str]:
 
 
 def load_bench(source: str | Path | Bench = "gyrowheel") -> Bench:
-    """Return a bench: given as such, by its shipped name or its file; InputError if there is none, or it has errors."""
+    """Return a bench: given as such, by its shipped name or its file; InputError if it is unknown or has errors."""
     from gyrowheel_sim.bench import Bench
 
     return source if isinstance(source, Bench) else Bench.load(source)
 
 
 #: Known physical effects: title, physics, formula, coefficients with units, usual sizes and sources.
-effects: Final[Catalogue[Effect]] = Catalogue("effect", _effect_names, _effect)
+effects: Final[Catalogue[Effect]] = Catalogue("effect", _effect_names, effect_on)
 #: Test plans that come with the project.
 plans: Final[Catalogue[Plan]] = Catalogue("plan", _plan_names, load_plan)
 #: Benches that come with the project: every parameter with value, uncertainty and source.
@@ -160,7 +146,7 @@ def own_effect(
         Law such as ``-k*r^2*z``, in the syntax of docs/formulas.md. It may begin with a name and a colon. Units of
         the coefficients follow from the law, or stand in the text.
     name : str, optional
-        Name of the effect; the same as that in the formula, if it has one. ``own`` if there is none.
+        Name of the effect; that of the formula, if it has one, must be the same. ``own`` by default.
     target : str, optional
         What the law acts on; the torque on the rotor if not given.
     taken : container of str
@@ -239,13 +225,7 @@ def check_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> Pla
 
 
 def new_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> None:
-    """Write a plan file to begin with, which the bench can run.
-
-    Raises
-    ------
-    InputError
-        If the file exists or cannot be written, or the bench can run no plan.
-    """
+    """Write a plan file to begin with, which the bench can run; InputError if the file exists."""
     from gyrowheel_control.plans.adaptation import plan_template
 
     _write_new(Path(file), lambda: plan_template(load_bench(bench), Path(file).stem))
@@ -259,13 +239,7 @@ def plan_schema() -> dict[str, Any]:
 
 
 def new_bench(file: str | Path, like: str | Path | Bench = "gyrowheel") -> None:
-    """Write a bench file to begin with: a copy of another bench with a comment for every value.
-
-    Raises
-    ------
-    InputError
-        If the file exists or cannot be written, or there is no such bench.
-    """
+    """Write a bench file to begin with: a copy of another bench with a comment for every value; a new file only."""
     from gyrowheel_sim.bench import bench_text
 
     _write_new(Path(file), lambda: bench_text(load_bench(like), Path(file).stem))

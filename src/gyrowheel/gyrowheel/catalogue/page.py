@@ -7,12 +7,11 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
 from gyrowheel.show.formulas import pretty
-from gyrowheel.show.layout import command, figures_table, heading, sentences, words_table
-from gyrowheel.show.quantities import minus, quantity, seconds, short, span, with_error
+from gyrowheel.show.layout import command, figures_table, heading, indented, sentences, words_table
+from gyrowheel_core.quantities import minus, quantity, seconds, short, span, with_error
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -44,7 +43,7 @@ def effect_page(effect: Effect) -> Iterator[RenderableType]:
     yield Text.assemble((effect.name, "bold cyan"), f"  {effect.title}")
     yield Text(f"\n{effect.sentence}\n")
     for part in pretty(effect.formula).split("; "):
-        yield Padding(Text(part, style="bold"), (0, 0, 0, 2))
+        yield indented(Text(part, style="bold"))
     yield heading("Coefficients")
     table = words_table("", "usual size", "what it is")
     for c in effect.coefficients:
@@ -54,7 +53,7 @@ def effect_page(effect: Effect) -> Iterator[RenderableType]:
             f"{span(*c.usual, c.unit, pure=c.shape is not None)}{sign}",
             minus(f"{c.description} [{c.source}]"),
         )
-    yield Padding(table, (0, 0, 0, 2))
+    yield indented(table)
     facts = words_table("", "")
     for text in possible_sizes(effect):
         facts.add_row("possible", minus(text))

@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, out, put, put_json, put_text
-from gyrowheel.cli.options import BenchName, Json, example
+from gyrowheel.cli.console import BAD_INPUT, put, put_content, put_json
+from gyrowheel.cli.options import BenchName, Json, argument, option
 from gyrowheel_core.errors import InputError
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command(epilog=example("gyrowheel effects windage"))(effects)
-    app.command(epilog=example("gyrowheel plans quick"))(plans)
-    app.command(epilog=example("gyrowheel bench"))(bench)
-
-
 def effects(
-    name: Annotated[str | None, typer.Argument(help="Effect to show in full.", show_default=False)] = None,
+    name: Annotated[str | None, argument(None, "Effect to show in full.")] = None,
     bench: BenchName = "gyrowheel",
     json: Json = None,
 ) -> None:
@@ -31,45 +24,34 @@ def effects(
     from gyrowheel.catalogue.api import effects as known
 
     loaded = load_bench(bench)
-    chosen = [effect_on(loaded, effect) for effect in (known if name is None else [name])]
-    if json is not None:
-        pages = [render.effect_json(effect) for effect in chosen]
-        put_json(json, {"schema": 1, "effects": pages} if name is None else {"schema": 1, **pages[0]})
-    if json != "-":
-        put_text(render.effect_list(chosen) if name is None else render.effect_page(chosen[0]))
+    chosen = [effect_on(effect, loaded) for effect in (known if name is None else [name])]
+    if name is None:
+        content: dict[str, Any] = {"effects": [render.effect_json(effect) for effect in chosen]}
+        put_content(json, {"schema": 1, **content}, render.effect_list(chosen))
+    else:
+        put_content(json, {"schema": 1, **render.effect_json(chosen[0])}, render.effect_page(chosen[0]))
 
 
 def plans(
     name: Annotated[
         str | None,
-        typer.Argument(
-            help="Plan to show in full: shipped name, or a plan file; also varied, as quick@rig=inverted.",
-            show_default=False,
+        argument(
+            None, "Plan to show in full: shipped name, or a plan file; also varied, as quick@rig=inverted."
         ),
     ] = None,
-    new: Annotated[
-        Path | None,
-        typer.Option("--new", metavar="FILE", help="Write a plan file to begin with.", show_default=False),
-    ] = None,
+    new: Annotated[Path | None, option("--new FILE", "Write a plan file to begin with.")] = None,
     check: Annotated[
-        Path | None,
-        typer.Option(
-            "--check",
-            metavar="FILE",
-            help="Show all errors of a plan file, or what it will do.",
-            show_default=False,
-        ),
+        Path | None, option("--check FILE", "Show all errors of a plan file, or what it will do.")
     ] = None,
     schema: Annotated[
-        bool, typer.Option("--schema", help="Write the JSON schema of plan files, for editors, to stdout.")
+        bool, option("--schema", "Write the JSON schema of plan files, for editors, to stdout.")
     ] = False,
     bench: Annotated[
         str | None,
-        typer.Option(
-            "--bench",
-            metavar="B",
-            help="Bench that shall run it: shipped name (gyrowheel, dtg), or a bench file.",
-            show_default="gyrowheel; plans are shown as they are written",
+        option(
+            "--bench B",
+            "Bench that shall run it: shipped name (gyrowheel, dtg), or a bench file.",
+            "gyrowheel; plans are shown as they are written",
         ),
     ] = None,
     json: Json = None,
@@ -96,15 +78,15 @@ def plans(
 
 def _new_plan(file: Path, bench: str | None, json: str | None) -> None:
     from gyrowheel.catalogue.api import new_plan
-    from gyrowheel.show.layout import command
+    from gyrowheel.show.layout import Unbroken, command
 
     new_plan(file, bench or "gyrowheel")
     other = "" if bench is None else f" --bench {shlex.quote(bench)}"
-    if json is not None:
-        put_json(json, {"schema": 1, "file": str(file), "bench": bench or "gyrowheel"})
-    if json != "-":
-        out().print(f"plan: {file}", soft_wrap=True)
-        put_text([command(f"gyrowheel plans --check {shlex.quote(str(file))}{other}")])
+    put_content(
+        json,
+        {"schema": 1, "file": str(file), "bench": bench or "gyrowheel"},
+        [Unbroken(f"plan: {file}"), command(f"gyrowheel plans --check {shlex.quote(str(file))}{other}")],
+    )
 
 
 def _check_plan(file: Path, bench: str | None, json: str | None) -> None:
@@ -126,31 +108,25 @@ def _show_plans(name: str | None, bench: str | None, json: str | None) -> None:
     else:
         loaded = load_bench(bench)
         chosen = plans_on(loaded) if name is None else [plan_on(loaded, name)]
-    if json is not None:
-        pages = [render.plan_json(plan) for plan in chosen]
-        put_json(json, {"schema": 1, "plans": pages} if name is None else {"schema": 1, **pages[0]})
-    if json != "-":
-        put_text(render.plan_list(chosen) if name is None else render.plan_page(chosen[0]))
+    if name is None:
+        content: dict[str, Any] = {"plans": [render.plan_json(plan) for plan in chosen]}
+        put_content(json, {"schema": 1, **content}, render.plan_list(chosen))
+    else:
+        put_content(json, {"schema": 1, **render.plan_json(chosen[0])}, render.plan_page(chosen[0]))
 
 
 def bench(
     bench: BenchName = "gyrowheel",
-    new: Annotated[
-        Path | None,
-        typer.Option("--new", metavar="FILE", help="Write a bench file to begin with.", show_default=False),
-    ] = None,
+    new: Annotated[Path | None, option("--new FILE", "Write a bench file to begin with.")] = None,
     like: Annotated[
         str | None,
-        typer.Option(
-            "--like",
-            metavar="B",
-            help="With --new: the bench whose values it has, a shipped name or a bench file.",
-            show_default="gyrowheel",
+        option(
+            "--like B",
+            "With --new: the bench whose values it has, a shipped name or a bench file.",
+            "gyrowheel",
         ),
     ] = None,
-    reach: Annotated[
-        bool, typer.Option("--reach", help="Show what coils and motor can reach, and the limits.")
-    ] = False,
+    reach: Annotated[bool, option("--reach", "Show what coils and motor can reach, and the limits.")] = False,
     json: Json = None,
 ) -> None:
     """Show every parameter of the bench with its uncertainty and source, or begin a new bench file.
@@ -169,22 +145,16 @@ def bench(
 
     loaded = api.load_bench(bench)
     found = api.reach(loaded) if reach else None
-    if json is not None:
-        content = text.loads(loaded.describe()) | {"references": dict(loaded.references)}
-        if found is not None:
-            content["reach"] = api.reach_json(found)
-        put_json(json, content)
-    if json != "-":
-        put_text(bench_page(loaded) if found is None else reach_page(found))
+    content = text.loads(loaded.describe()) | {"references": dict(loaded.references)}
+    if found is not None:
+        content["reach"] = api.reach_json(found)
+    put_content(json, content, bench_page(loaded) if found is None else reach_page(found))
 
 
 def _new_bench(file: Path, like: str, json: str | None) -> None:
     from gyrowheel.catalogue.api import new_bench
-    from gyrowheel.show.layout import command
+    from gyrowheel.show.layout import Unbroken, command
 
     new_bench(file, like)
-    if json is not None:
-        put_json(json, {"schema": 1, "file": str(file), "like": like})
-    if json != "-":
-        out().print(f"bench: {file}", soft_wrap=True)
-        put_text([command(f"gyrowheel bench --bench {shlex.quote(str(file))} --reach")])
+    shown = command(f"gyrowheel bench --bench {shlex.quote(str(file))} --reach")
+    put_content(json, {"schema": 1, "file": str(file), "like": like}, [Unbroken(f"bench: {file}"), shown])

@@ -169,25 +169,9 @@ def put(
 ) -> None:
     """Write a result: its page to stdout, its JSON and its picture where they were asked for.
 
-    Parameters
-    ----------
-    result : Shown
-        The result, recording or model.
-    json : str or None
-        Value of ``--json``; with ``-`` the JSON takes the place of the page.
-    picture : Path or None
-        Value of ``--picture``.
-    page : iterable, optional
-        The page where options of the verb change it; that of the result if not given.
-    after : iterable
-        What follows the page, such as the command to type next.
-    more : mapping, optional
-        Further fields of the JSON.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be written, or there is nothing to draw.
+    `json` and `picture` are the values of the options; with ``--json -`` the JSON replaces the page. `page` replaces
+    that of the result where options of the verb change it, `after` follows it, such as the command to type next, and
+    `more` adds fields to the JSON.
     """
     shown = itertools.chain(result.page() if page is None else page, after)
     put_content(json, result.to_dict() | dict(more or {}) if json is not None else None, shown)
@@ -210,13 +194,7 @@ def put_text(parts: Iterable[RenderableType]) -> None:
 
 
 def put_json(target: str, content: Any) -> None:
-    """Write a result as JSON: to a file, atomically, or to stdout for ``-``.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a result as JSON: to a file, atomically, or to stdout for ``-``."""
     from gyrowheel.show.files import json_text, write_text
 
     text = json_text(content)
@@ -227,22 +205,7 @@ def put_json(target: str, content: Any) -> None:
 
 
 def put_picture(path: Path | None, draw: Callable[[], Any], *, quiet: bool = False) -> None:
-    """Write a picture if one was requested, and print its path.
-
-    Parameters
-    ----------
-    path : Path or None
-        The file; without one nothing is drawn.
-    draw : callable
-        Returns the matplotlib figure.
-    quiet : bool
-        Whether stdout has JSON only.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written, or there is nothing to draw.
-    """
+    """Write a picture if one was requested, and print its path unless stdout has JSON only."""
     if path is None:
         return
     from gyrowheel.show.figure import write_figure
@@ -254,13 +217,7 @@ def put_picture(path: Path | None, draw: Callable[[], Any], *, quiet: bool = Fal
 
 @contextlib.contextmanager
 def editing(file: Path) -> Iterator[None]:
-    """Lock a file against other processes from reading to writing; report if it has to wait.
-
-    Raises
-    ------
-    InputError
-        If another process does not release it, or it cannot be written.
-    """
+    """Lock a file against other processes from reading to writing; report if it has to wait."""
     from gyrowheel.show.files import changing
 
     with changing(file, waiting=lambda text: notes().print(text, soft_wrap=True)):
@@ -268,13 +225,7 @@ def editing(file: Path) -> Iterator[None]:
 
 
 class Tour:
-    """Shows the steps of a verb one after another.
-
-    Parameters
-    ----------
-    json : str or None
-        Value of ``--json``; with ``-`` the tour goes to stderr.
-    """
+    """Shows the steps of a verb one after another; on stderr if ``--json -`` needs stdout."""
 
     def __init__(self, json: str | None) -> None:
         self._console = notes() if json == "-" else out()

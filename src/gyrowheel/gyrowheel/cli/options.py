@@ -1,147 +1,127 @@
-"""Options and arguments that several verbs have."""
+"""Options and arguments that several verbs have, and what resumes a long verb."""
 
 from __future__ import annotations
 
+import contextlib
 import math
+import shlex
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
+from gyrowheel.cli.console import notes
 from gyrowheel.cli.outputs import JSON_RESULT, PICTURE, NewRecording
+from gyrowheel.show.files import new_folder
 from gyrowheel_core.errors import InputError
 
 _STEPS = 6  # of a range of numbers without a step
 _MOST = 1000  # steps of a range of numbers
 
+
+def option(names: str, text: str, default: str | bool = True, **more: Any) -> Any:
+    """Return an option, with its names and its value as the help shows them: ``-o --output DIR``.
+
+    `default` describes a default that is no value, such as ``all``.
+    """
+    *first, last = names.split()
+    if last.startswith("-"):
+        return typer.Option(*first, last, help=text, show_default=default, **more)
+    return typer.Option(*first, metavar=last, help=text, show_default=default, **more)
+
+
+def argument(name: str | None, text: str, default: str | bool = True) -> Any:
+    """Return an argument, as `option` does; None: with the name of its parameter."""
+    return typer.Argument(metavar=name, help=text, show_default=default)
+
+
 Json: TypeAlias = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the result as JSON ('-': to stdout)."),
-    JSON_RESULT,
+    str | None, option("--json FILE", "Write the result as JSON ('-': to stdout)."), JSON_RESULT
 ]
 Picture: TypeAlias = Annotated[
-    Path | None,
-    typer.Option("--picture", metavar="FILE.png", help="Draw where the model fails.", show_default=False),
-    PICTURE,
+    Path | None, option("--picture FILE.png", "Draw where the model fails."), PICTURE
 ]
 ErrorPicture: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--picture", metavar="FILE.png", help="Draw the error before and after.", show_default=False
-    ),
-    PICTURE,
+    Path | None, option("--picture FILE.png", "Draw the error before and after."), PICTURE
 ]
 TorquePicture: TypeAlias = Annotated[
-    Path | None,
-    typer.Option("--picture", metavar="FILE.png", help="Draw the parts of the torques.", show_default=False),
-    PICTURE,
+    Path | None, option("--picture FILE.png", "Draw the parts of the torques."), PICTURE
 ]
-Recordings: TypeAlias = Annotated[
-    list[Path], typer.Argument(metavar="DIR...", help="Recordings.", show_default=False)
-]
-ModelFile: TypeAlias = Annotated[
-    Path, typer.Option("--model", metavar="M.yaml", help="Model file.", show_default=False)
-]
-PlanName: TypeAlias = Annotated[
-    str,
-    typer.Option("--plan", metavar="P", help="Test plan: shipped name, or a plan file.", show_default=False),
-]
+Recordings: TypeAlias = Annotated[list[Path], argument("DIR...", "Recordings.")]
+ModelFile: TypeAlias = Annotated[Path, option("--model M.yaml", "Model file.")]
+PlanName: TypeAlias = Annotated[str, option("--plan P", "Test plan: shipped name, or a plan file.")]
 Effects: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option(
-        "--effect",
-        metavar="NAME[:C=V,..]",
-        help="Effect of the simulated machine; coefficients not given take their usual size. aero:MODEL stands for all "
+    option(
+        "--effect NAME[:C=V,..]",
+        "Effect of the simulated machine; coefficients not given take their usual size. aero:MODEL stands for all "
         "effects of an air model: correlation, vorticity or surrogate (gyrowheel air). Repeatable.",
-        show_default=False,
     ),
 ]
 Blind: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--blind",
-        metavar="KEY.json",
-        help="Hidden machine of this key file; drawn at random if the file is new. Without a file: key.json.",
-        show_default=False,
+    option(
+        "--blind KEY.json",
+        "Hidden machine of this key file; drawn at random if the file is new. Without a file: key.json.",
     ),
 ]
-Seed: TypeAlias = Annotated[
-    int, typer.Option("--seed", metavar="N", help="Seed of the noise, and of a new key file.")
-]
+Seed: TypeAlias = Annotated[int, option("--seed N", "Seed of the noise, and of a new key file.")]
 Machine: TypeAlias = Annotated[
     int | None,
-    typer.Option(
-        "--machine",
-        metavar="N",
-        help="Draw the true bench parameters within their uncertainties with this seed.",
-        show_default="as stated in the bench file",
+    option(
+        "--machine N",
+        "Draw the true bench parameters within their uncertainties with this seed.",
+        "as stated in the bench file",
     ),
 ]
 Namespace: TypeAlias = Annotated[
     str,
-    typer.Option(
-        "--namespace",
-        metavar="NS",
-        help="ROS namespace of the nodes and their topics, such as /bench2: several benches share a domain.",
-        show_default="none",
+    option(
+        "--namespace NS",
+        "ROS namespace of the nodes and their topics, such as /bench2: several benches share a domain.",
+        "none",
     ),
 ]
 Truth: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--truth",
-        metavar="M.yaml",
-        help="Model file whose effects and estimated parameters the simulated machine has, besides those of --effect.",
-        show_default=False,
+    option(
+        "--truth M.yaml",
+        "Model file whose effects and estimated parameters the simulated machine has, besides those of --effect.",
     ),
 ]
 Belief: TypeAlias = Annotated[
     Path | None,
-    typer.Option(
-        "--model",
-        metavar="M.yaml",
-        help="Model file that the analyst believes: drag estimates are made with it, never with the truth.",
-        show_default="the bench without effects",
+    option(
+        "--model M.yaml",
+        "Model file that the analyst believes: drag estimates are made with it, never with the truth.",
+        "the bench without effects",
     ),
 ]
 BenchOfRun: TypeAlias = Annotated[
     str | None,
-    typer.Option(
-        "--bench",
-        metavar="B",
-        help="Bench: shipped name (gyrowheel, dtg), or a bench file.",
-        show_default="gyrowheel, or that of --truth or --model",
+    option(
+        "--bench B",
+        "Bench: shipped name (gyrowheel, dtg), or a bench file.",
+        "gyrowheel, or that of --truth or --model",
     ),
 ]
 BenchName: TypeAlias = Annotated[
-    str, typer.Option("--bench", metavar="B", help="Bench: shipped name (gyrowheel, dtg), or a bench file.")
+    str, option("--bench B", "Bench: shipped name (gyrowheel, dtg), or a bench file.")
 ]
 Validation: TypeAlias = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--validate",
-        metavar="DIR",
-        help="Recording to validate on, not used to fit. Repeatable.",
-        show_default=False,
-    ),
+    list[Path] | None, option("--validate DIR", "Recording to validate on, not used to fit. Repeatable.")
 ]
 
 
 Averages: TypeAlias = Annotated[
     bool,
-    typer.Option(
-        "--averages",
-        help="Use averages over revolutions alone, as where filters hide what happens within one.",
+    option(
+        "--averages", "Use averages over revolutions alone, as where filters hide what happens within one."
     ),
 ]
-RecordingMade: TypeAlias = Annotated[
-    Path,
-    typer.Option("-o", "--output", metavar="DIR", help="Recording to create.", show_default=False),
-    NewRecording(),
-]
-Mixed: TypeAlias = Annotated[
-    bool, typer.Option("--mixed", help="Join recordings that state different machines.")
-]
+RecordingMade: TypeAlias = Annotated[Path, option("-o --output DIR", "Recording to create."), NewRecording()]
+Mixed: TypeAlias = Annotated[bool, option("--mixed", "Join recordings that state different machines.")]
 
 
 def example(text: str) -> str:
@@ -149,22 +129,9 @@ def example(text: str) -> str:
     return f"Example: [cyan]{text}[/cyan]"
 
 
-def numbers(text: str, option: str) -> list[float]:
-    """Return the numbers of ``3``, ``1,2,3``, ``0..5`` or ``0..5:0.5``.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    option : str
-        Its option, for errors.
-
-    Raises
-    ------
-    InputError
-        If it is no list of numbers.
-    """
-    wanted = f"{option}: '{text}' is no list of numbers; allowed: 3, or 1,2,3, or 0..5, or 0..5:0.5"
+def numbers(text: str, name: str) -> list[float]:
+    """Return the numbers of ``3``, ``1,2,3``, ``0..5`` or ``0..5:0.5``; errors begin with the name of the option."""
+    wanted = f"{name}: '{text}' is no list of numbers; allowed: 3, or 1,2,3, or 0..5, or 0..5:0.5"
     try:
         ends, _, step = text.partition(":")
         first, dots, last = ends.partition("..")
@@ -181,3 +148,64 @@ def numbers(text: str, option: str) -> list[float]:
     if not all(math.isfinite(value) for value in values):
         raise InputError(wanted)
     return values
+
+
+Resume: TypeAlias = Annotated[
+    Path | None,
+    option(
+        "--resume DIR",
+        "Resume the interrupted or killed work in this folder; its settings need not be repeated.",
+    ),
+]
+
+
+def place_of(output: Path | None, resume: Path | None, kind: str) -> Path:
+    """Return the folder of the work: the resumed one, the named one, or a new one in ``out``."""
+    if resume is not None:
+        if output is not None:
+            raise InputError(f"-o: with --resume the folder is {resume}; leave it out")
+        return resume
+    return new_folder(Path("out"), kind, 1) if output is None else output
+
+
+def merged(context: typer.Context, given: Mapping[str, Any], stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a verb: those that the user typed, the others from the resumed folder."""
+
+    def is_typed(name: str) -> bool:
+        source = context.get_parameter_source(name)
+        return source is not None and source.name not in ("DEFAULT", "DEFAULT_MAP")
+
+    return {
+        name: value if name not in stored or is_typed(name) else stored[name] for name, value in given.items()
+    }
+
+
+def going_on_command(verb: str, folder: Path, options: Mapping[str, object]) -> str:
+    """Return the command that resumes the work in a folder, with the options that no result depends on."""
+    words = ["gyrowheel", *verb.split(), "--resume", str(folder)]
+    for name, value in options.items():
+        words += [] if value is None else [f"--{name}", str(value)]
+    return shlex.join(words)
+
+
+@contextlib.contextmanager
+def going_on(command: str) -> Iterator[Callable[[], bool]]:
+    """Yield a function that prints the resuming command at its first call; it is printed again at an interruption.
+
+    The function returns whether this was its first call.
+    """
+    said = False
+
+    def begun() -> bool:
+        nonlocal said
+        is_first, said = not said, True
+        if is_first:
+            notes().print(f"if this is interrupted: {command}", soft_wrap=True)
+        return is_first
+
+    try:
+        yield begun
+    except (KeyboardInterrupt, InputError, MemoryError, OSError):
+        if said:
+            notes().print(f"to go on: {command}", soft_wrap=True)
+        raise

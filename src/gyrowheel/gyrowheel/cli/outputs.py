@@ -29,21 +29,11 @@ _TORQUE_TABLE = {"schema", "rows"}  # the fields of its file
 
 @dataclass(frozen=True)
 class Output:
-    """Marks a parameter of a verb as a file that it writes.
+    """Marks a parameter of a verb as a file that it writes."""
 
-    Attributes
-    ----------
-    what : str
-        Kind of the file, for errors.
-    earlier : callable
-        Tells whether an existing file is an earlier output of this kind.
-    suffixes : tuple of str
-        Allowed endings of its name; any if empty.
-    """
-
-    what: str
-    earlier: Callable[[Path], bool]
-    suffixes: tuple[str, ...] = ()
+    what: str  # kind of the file, for errors
+    earlier: Callable[[Path], bool]  # tells whether an existing file is an earlier output of this kind
+    suffixes: tuple[str, ...] = ()  # allowed endings of its name; any if empty
 
 
 @dataclass(frozen=True)
@@ -75,17 +65,8 @@ def guard(app: typer.Typer) -> None:
 def check_outputs(verb: Callable[..., Any], given: Mapping[str, Any]) -> None:
     """Refuse outputs that would replace a file of another kind, or cannot be written.
 
-    Parameters
-    ----------
-    verb : callable
-        A verb; `Output` and `NewRecording` in the annotations of its parameters mark its files.
-    given : mapping
-        The values of its parameters.
-
-    Raises
-    ------
-    InputError
-        Naming option, file and reason.
+    `Output` and `NewRecording` in the annotations of a verb mark its files; `given` are the values of its parameters.
+    The InputError names option, file and reason.
     """
     outputs: dict[str, tuple[str, Path, Output]] = {}
     made: list[Path] = []

@@ -8,8 +8,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.correction import explained_by, wrong_setups
-from gyrowheel.recordings.inputs import Recordings, Say, data, opened, require_one_machine
+from gyrowheel.recordings.api import explained_by, wrong_setups
+from gyrowheel.recordings.inputs import Recordings, Say, data, of_one_machine
 from gyrowheel.show.result import Result
 from gyrowheel_analysis import compare as facts
 from gyrowheel_analysis.residuals.maps import ResidualMap, residual_map, variables_of
@@ -113,8 +113,7 @@ def compare(
     InputError
         If a recording cannot be read, is given twice, has too little steady motion, or is of another machine.
     """
-    given = opened(recordings)
-    require_one_machine(data(given), mixed=mixed)
+    given = of_one_machine(recordings, mixed=mixed)
     wrong = wrong_setups(given, model.details, mixed=mixed)
     with explained_by(wrong):
         found = facts.compare(data(given), model.details, progress=progress)

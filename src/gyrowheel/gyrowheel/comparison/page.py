@@ -14,11 +14,11 @@ from rich.text import Text
 
 from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.layout import figures_table, heading, sentences, words_table
-from gyrowheel.show.quantities import decimal, fixed
-from gyrowheel.show.sentences.instruments import reading_sentence, untold_sentences
+from gyrowheel.show.sentences.findings import reading_sentence, untold_sentences
 from gyrowheel.show.sentences.residuals import TITLES, dependence_sentences, region_description, region_name
 from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.residuals.maps import DEFAULT
+from gyrowheel_core.quantities import decimal, fixed
 from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ _SHORT = {
 }  # fmt: skip
 _LEGEND = (
     "FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts: a constant offset (bias), "
-    "a wrong amplitude (var), a wrong shape (cov). Raw: RMS of the model file as it stands, nothing fitted."
+    "a wrong amplitude (var), a wrong shape (cov). Raw: RMS with the unchanged model file, nothing fitted."
 )
 
 
@@ -57,12 +57,7 @@ def comparison_page(
 ) -> Iterator[RenderableType]:
     """Yield a comparison, part by part.
 
-    Parameters
-    ----------
-    result : Comparison
-        The comparison.
-    maps : iterable of ResidualMap, optional
-        Maps to show; one over speed and tilt where the model fails, if not given.
+    Without `maps` a map over speed and tilt is shown where the model fails.
     """
     colour = "red" if result.fails else "green"
     yield Panel(Text(f"{verdict(result)}.", style="bold"), border_style=colour, expand=False)

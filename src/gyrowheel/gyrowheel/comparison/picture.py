@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import Picture, finished
+from gyrowheel.show.figure import DARK, FAINT, GROUND, SOFT, TICK, Picture, drawn
 from gyrowheel.show.sentences.residuals import TITLES
-from gyrowheel.show.style import DARK, FAINT, GROUND, SOFT, TICK, style
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.windows import speed_groups
 from gyrowheel_analysis.residuals.error_table import WindowResiduals
@@ -32,32 +31,17 @@ _WORST = 1.0e3  # χ²/N at the end of the colours
 _UNITS = {"tilt": "°", "azimuth": "°", "speed": "rpm", "time": "s", "temperature": "°C"}
 
 
-def figure_of_failure(result: Comparison, *, title: str = "") -> Figure:
+@drawn(framed=True)
+def figure_of_failure(result: Comparison) -> Figure:
     """Draw where a model fails, 1600 by 1000 dots.
 
     Above, for every speed, the tilts that were held, with the residual torque of the coils as an arrow; below, χ²/N of
     every part of the residual over each variable.
-
-    Parameters
-    ----------
-    result : Comparison
-        The comparison.
-    title : str
-        What stands above; the names of the recordings if not given.
     """
-    names = ", ".join(Path(name).name for name in result.recordings)
-    return residual_figure(result.data, title=title or f"Where the model fails: {names}")
-
-
-def residual_figure(data: WindowResiduals, *, title: str) -> Figure:
-    """Return the figure of `figure_of_failure` of residuals alone."""
-    with style(framed=True):
-        return finished(_draw(data, title))
-
-
-def _draw(data: WindowResiduals, title: str) -> Figure:
     from matplotlib.colors import LogNorm
 
+    data = result.data
+    title = f"Where the model fails: {', '.join(Path(name).name for name in result.recordings)}"
     figure = Picture(16.0, 10.0)
     size = min(22.0, 22.0 * 88.0 / max(len(title), 1))
     figure.text(0.045, 0.955, title, fontsize=size, fontweight="bold", va="center")
@@ -66,7 +50,7 @@ def _draw(data: WindowResiduals, title: str) -> Figure:
         0.915,
         "Arrows: residual torque of the coils, from the tilt at which it acts. Colours: χ²/N (1: noise)."
         if COILS in data.parts
-        else "Colours: χ²/N of all that was measured (1: noise). Without both coil voltages, none of the coils.",
+        else "Colours: χ²/N of all that was measured (1: noise). No arrows: they need both coil voltages.",
         fontsize=12.5,
         color=SOFT,
         va="center",

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import finding, put, warn_of, working
-from gyrowheel.cli.options import Json, Mixed, ModelFile, Picture, Recordings, example
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel compare runs/monday --model wheel.yaml --map speed,azimuth"))(
-        compare
-    )
+from gyrowheel.cli.options import Json, Mixed, ModelFile, Picture, Recordings, option
 
 
 def compare(
@@ -22,21 +13,16 @@ def compare(
     model: ModelFile,
     fail_above: Annotated[
         float | None,
-        typer.Option(
-            "--fail-above",
-            metavar="X",
-            min=0.0,
-            help="Exit with 1 if χ²/N of a channel is above X (1: nothing but noise).",
-            show_default=False,
+        option(
+            "--fail-above X", "Exit with 1 if χ²/N of a channel is above X (1: nothing but noise).", min=0.0
         ),
     ] = None,
     map_over: Annotated[
         list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="VAR[,VAR]",
-            help="Show a map of the residual over one or two of tilt, azimuth, speed, time, temperature. Repeatable.",
-            show_default="speed,tilt where the model fails",
+        option(
+            "--map VAR[,VAR]",
+            "Show a map of the residual over one or two of tilt, azimuth, speed, time, temperature. Repeatable.",
+            "speed,tilt where the model fails",
         ),
     ] = None,
     mixed: Mixed = False,

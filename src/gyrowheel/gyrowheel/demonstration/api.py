@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +13,11 @@ from gyrowheel.blind_tests.judge import RIGHT, Judgement, judge
 from gyrowheel.cli.console import Tour, advancing, working
 from gyrowheel.simulation.scenario import noise_seed, scenario
 from gyrowheel_core.files import disk_errors, new_folder
+from gyrowheel_core.quantities import seconds
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from gyrowheel_sim.bench import Bench
     from gyrowheel_sim.effects import EffectValues
     from gyrowheel_sim.plant.scenario import Scenario
@@ -71,25 +75,21 @@ class Outcome:
             "seconds": self.seconds,
         }
 
+    def page(self) -> Iterator[RenderableType]:
+        """Yield a table of the files, and the duration."""
+        from gyrowheel.show.layout import words_table
+
+        table = words_table("", "")
+        for name, path in self.files.all().items():
+            table.add_row(name.replace("_", " "), str(path))
+        yield from ("", table, f"\n{seconds(self.seconds)} in all")
+
 
 def demonstrate(seed: int, folder: Path, tour: Tour) -> Outcome:
-    """Run the demonstration.
+    """Run the demonstration, with all results in a new folder.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the hidden machine, its effect, and the noise of both recordings.
-    folder : Path
-        New folder for all results.
-    tour : Tour
-        Display of the steps.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be written.
-    GraphError
-        If a node fails.
+    The seed is that of the hidden machine, its effect, and the noise of both recordings. InputError if the folder
+    cannot be written, GraphError if a node fails.
     """
     begin = time.monotonic()
     files = Files.of(folder)
@@ -178,7 +178,7 @@ def _diagnose(files: Files, tour: Tour) -> gw.Diagnosis:
 
 
 def _add(found: gw.Diagnosis, files: Files, tour: Tour) -> gw.Model | None:
-    """Return the model with the findings; None if there are none."""
+    """Return the model with the findings; None without findings."""
     from gyrowheel.show.error_table import fall
 
     names = [finding.name for finding in found.effects]
@@ -224,7 +224,7 @@ def _validate(
 
 
 def _report(found: gw.Diagnosis, better: gw.Model | None, files: Files, tour: Tour) -> None:
-    from gyrowheel.diagnosis.next_command import adding, diagnosing
+    from gyrowheel.diagnosis.page import adding, diagnosing
     from gyrowheel.show.figure import write_figure
 
     tour.step("Report")

@@ -1,22 +1,21 @@
-"""The diagnosis: verdict, findings with evidence, errors, and detection limits."""
+"""The diagnosis: verdict, findings with evidence, errors, detection limits, and the command to type next."""
 
 from __future__ import annotations
 
 import itertools
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Group, RenderableType
-from rich.padding import Padding
 from rich.panel import Panel
 from rich.text import Text
 
 from gyrowheel.comparison.page import coverage, failures, readings
 from gyrowheel.show.error_table import error_table
-from gyrowheel.show.formulas import pretty
-from gyrowheel.show.layout import Unbroken, command, heading, sentences, words_table
-from gyrowheel.show.quantities import is_pure, quantity, span, with_error
+from gyrowheel.show.formulas import is_pure, pretty
+from gyrowheel.show.layout import Unbroken, command, heading, indented, sentences, words_table
 from gyrowheel.show.sentences.diagnosis import (
     evidence,
     form_sentence,
@@ -28,10 +27,10 @@ from gyrowheel.show.sentences.diagnosis import (
     title,
     verdict_sentence,
 )
-from gyrowheel.show.sentences.events import tie_of_event
-from gyrowheel.show.sentences.instruments import instrument_sentence
+from gyrowheel.show.sentences.findings import instrument_sentence, tie_of_event
 from gyrowheel.show.sentences.proof import proof_line
 from gyrowheel.show.sentences.setup import cure, map_lines, problem
+from gyrowheel_core.quantities import quantity, span, with_error
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import (
@@ -51,7 +50,6 @@ _COLOURS = {
     "insufficient_data": "magenta",
 }
 _SETTLED = ("nothing_missing", "effect")
-_INDENT = (0, 0, 0, 2)
 _NEVER = 10.0  # times the largest usual size, beyond any real bench
 _MOVED = 1.0  # stated uncertainties
 
@@ -82,12 +80,10 @@ def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:
         yield from sentences([problem(item) for item in own])
         mended = all(item.cure for item in own)
         yield heading("Cure")
-        yield command(cure(own)) if mended else Padding(Text(f"{cure(own)}."), _INDENT)
+        yield command(cure(own)) if mended else indented(Text(f"{cure(own)}."))
         lines = [line for item in own for line in map_lines(item)]
         if mended and lines:
-            yield Padding(
-                Text(f"or, where it was imported, in the map: {'; '.join(lines)}", style="dim"), _INDENT
-            )
+            yield indented(Text(f"or, where it was imported, in the map: {'; '.join(lines)}", style="dim"))
 
 
 def error_section(result: Diagnosis) -> Iterator[RenderableType]:
@@ -96,7 +92,7 @@ def error_section(result: Diagnosis) -> Iterator[RenderableType]:
         yield heading(
             "Error before and after" if result.effects or result.instruments or result.free_form else "Error"
         )
-        yield Padding(error_table(result.error), _INDENT)
+        yield indented(error_table(result.error))
 
 
 def findings(result: Diagnosis) -> Iterator[RenderableType]:
@@ -138,13 +134,13 @@ def detection_limits(limits: Sequence[DetectionLimit]) -> Iterator[RenderableTyp
                 remark,
             )
     if hidden or partly:
-        yield Padding(table, _INDENT)
+        yield indented(table)
     if never:
         names = ", ".join(dict.fromkeys(limit.effect for limit in never))
-        yield Padding(Text(f"Not visible at any realistic size: {names}."), _INDENT)
+        yield indented(Text(f"Not visible at any realistic size: {names}."))
     rest = "All other known effects" if never or hidden or partly else "All known effects"
     if seen:
-        yield Padding(Text(f"{rest} would show at any usual size.", style="dim"), _INDENT)
+        yield indented(Text(f"{rest} would show at any usual size.", style="dim"))
 
 
 def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
@@ -158,7 +154,7 @@ def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
             shown += f"  in the model {with_error(of_model.value, of_model.standard_error, of_model.unit, pure=pure)}"
         body.add_row(name, shown)
     body.add_row("law", pretty(finding.formula))
-    yield Padding(body, _INDENT)
+    yield indented(body)
     yield from sentences([physics(finding), *evidence(finding)])
     for tie in finding.ties:
         yield from sentences([tie_sentence(tie)])
@@ -175,7 +171,7 @@ def _instruments(found: Sequence[InstrumentFinding]) -> Iterator[RenderableType]
             body.add_row(
                 f"{item.channel} {item.quantity.removeprefix('encoder_')}", f"{shown}, stated {stated}"
             )
-        yield Padding(body, _INDENT)
+        yield indented(body)
         yield from sentences(
             [
                 items[0].sentence,
@@ -199,7 +195,7 @@ def _free_form(form: FreeForm) -> Iterator[RenderableType]:
     laws = [part for part in form.formula.split("; ") if not part.startswith(coefficients)]
     body.add_row("law", pretty("; ".join(laws)))
     body.add_row("Δχ²", f"{form.delta_chi2:.0f} without it")
-    yield Padding(body, _INDENT)
+    yield indented(body)
     yield from sentences(filter(None, [form_sentence(form), simple_sentence(form)]))
     if form.simple:
         yield command(f"--formula {shlex.quote(f'{form.name}: {form.simple}')}")
@@ -221,7 +217,7 @@ def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:
             with_error(n.value, n.standard_error, n.unit, pure=True),
             with_error(n.prior_value, n.prior_uncertainty, n.unit, pure=True),
         )
-    yield Padding(table, _INDENT)
+    yield indented(table)
 
 
 def coefficients_line(finding: EffectFinding) -> str:
@@ -230,3 +226,60 @@ def coefficients_line(finding: EffectFinding) -> str:
         f"{name} = {with_error(e.value, e.standard_error, e.unit, pure=is_pure(finding.name, name))}"
         for name, e in finding.coefficients.items()
     )
+
+
+def diagnosing(
+    directories: Sequence[Path], model: Path, validate: Sequence[Path] = (), *, averages: bool = False
+) -> str:
+    """Return the command that diagnoses recordings."""
+    unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
+    return (
+        f"gyrowheel diagnose {_quoted(directories)} --model {shlex.quote(str(model))}{unused}"
+        f"{' --averages' if averages else ''}"
+    )
+
+
+def adding(what: Sequence[str], fit: Sequence[Path], validate: Sequence[Path], model: Path) -> str:
+    """Return the command that adds effects to a model file; `what` has words as they are to be typed."""
+    options = "".join(f" --fit {shlex.quote(str(directory))}" for directory in fit)
+    options += "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
+    return f"gyrowheel model add {' '.join(what)} --model {shlex.quote(str(model))}{options}"
+
+
+def following(
+    result: Diagnosis,
+    directories: Sequence[Path],
+    validate: Sequence[Path],
+    model: Path,
+    bench: str = "gyrowheel",
+    *,
+    averages: bool = False,
+    machine: str = "",
+) -> str | None:
+    """Return the command to type after a diagnosis; None if nothing is left to do.
+
+    `machine` has the options for the machine that the recordings are of.
+    """
+    proof = result.proof
+    if proof is not None and proof.proven is False and validate:
+        # an effect of the validation recordings alone shows only where they are fitted too
+        return diagnosing([*directories, *validate], model, averages=averages)
+    if result.verdict == "effect" or result.free_form:
+        names = list(result.ties)
+        names += [f"--formula {shlex.quote(f'{form.name}: {form.formula}')}" for form in result.free_form]
+        return adding(names, directories, validate, model)
+    plan = result.next_test.plan if result.next_test is not None else None
+    if plan is None or result.verdict == "nothing_missing":
+        return None
+    new = shlex.quote(str(directories[0].with_name(plan)))
+    other = "" if bench == "gyrowheel" or "--bench" in machine else f" --bench {shlex.quote(bench)}"
+    other += f" {machine}" if machine else ""
+    return (
+        f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && "
+        f"gyrowheel diagnose {_quoted(directories)} {new} --model {shlex.quote(str(model))}"
+        f"{' --averages' if averages else ''}"
+    )
+
+
+def _quoted(paths: Sequence[Path]) -> str:
+    return " ".join(shlex.quote(str(path)) for path in paths)

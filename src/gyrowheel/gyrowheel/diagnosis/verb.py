@@ -16,13 +16,8 @@ from gyrowheel.cli.options import (
     ModelFile,
     Recordings,
     Validation,
-    example,
+    option,
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel diagnose runs/monday --model wheel.yaml"))(diagnose)
 
 
 def diagnose(
@@ -31,7 +26,7 @@ def diagnose(
     validate: Validation = None,
     averages: Averages = False,
     fail_on_finding: Annotated[
-        bool, typer.Option("--fail-on-finding", help="Exit with 1 unless nothing is missing.")
+        bool, option("--fail-on-finding", "Exit with 1 unless nothing is missing.")
     ] = False,
     mixed: Mixed = False,
     picture: ErrorPicture = None,
@@ -39,9 +34,9 @@ def diagnose(
 ) -> None:
     """Find which effect a model lacks, with the evidence, the alternatives and the detection limits."""
     import gyrowheel as gw
-    from gyrowheel.diagnosis.next_command import following
+    from gyrowheel.diagnosis.page import following
+    from gyrowheel.recordings.api import noted_machine
     from gyrowheel.recordings.inputs import opened_apart
-    from gyrowheel.recordings.provenance import noted_machine
     from gyrowheel.show.layout import commands
 
     loaded = gw.Model.load(model)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.api import Recording
-from gyrowheel.recordings.inputs import Recordings, data, opened, require_one_machine
+from gyrowheel.recordings.inputs import Recordings, of_one_machine
 from gyrowheel.show.result import Result
 from gyrowheel_analysis.drag.notch import notched
 from gyrowheel_analysis.drag.stream import DragTest, recorded_holds
@@ -145,8 +145,7 @@ def drag(
         If a recording cannot be read or has no steady hold, or several state different machines.
     """
     known = Model() if model is None else model
-    given = opened(recordings)
-    require_one_machine(data(given), mixed=mixed)
+    given = of_one_machine(recordings, mixed=mixed)
     found, filtered = [], []
     for own in given:
         holds = recorded_holds(own.data, known.details)

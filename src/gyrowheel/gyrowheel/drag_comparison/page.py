@@ -10,8 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel.show.layout import figures_table, heading, sentences
-from gyrowheel.show.quantities import decimal
-from gyrowheel_core.quantities import listed
+from gyrowheel_core.quantities import decimal, listed
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:

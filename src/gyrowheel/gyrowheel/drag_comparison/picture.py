@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gyrowheel.show.figure import Picture, finished
-from gyrowheel.show.style import BLUE, FAINT, INK, NOISE, SOFT, VERMILION, ZERO, style
+from gyrowheel.show.figure import BLUE, FAINT, INK, NOISE, SOFT, VERMILION, ZERO, Picture, drawn
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
@@ -30,6 +29,7 @@ _ONE_SPEED = 50.0  # rpm; speeds no further apart are one
 _STRAIGHT = 0.1 * DEG  # tilts no further from a line lie on it
 
 
+@drawn(10.0)
 def figure_of_drag(result: DragTest) -> Figure:
     """Draw measured and simulated voltages, 1500 by 1000 dots: a row each for coil x, coil y and motor.
 
@@ -37,11 +37,6 @@ def figure_of_drag(result: DragTest) -> Figure:
     reference holds with their standard errors, over tilt and speed, next to those simulated with and without the air of
     the model.
     """
-    with style(10.0):
-        return finished(_draw(result))
-
-
-def _draw(result: DragTest) -> Figure:
     figure = Picture(15.0, 10.0)
     every = result.estimates
     air = any(np.any(e.simulated_air_torque) for e in every)

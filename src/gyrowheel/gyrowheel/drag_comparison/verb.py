@@ -5,43 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import out, put, put_picture, working
-from gyrowheel.cli.options import Json, Mixed, Recordings, example
+from gyrowheel.cli.options import Json, Mixed, Recordings, option
 from gyrowheel.cli.outputs import PICTURE, TABLE
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel drag runs/tilts --model wheel.yaml"))(drag)
 
 
 def drag(
     directories: Recordings,
     model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", metavar="M.yaml", help="Model file.", show_default="bench gyrowheel without effects"
-        ),
+        Path | None, option("--model M.yaml", "Model file.", "bench gyrowheel without effects")
     ] = None,
     columns: Annotated[
         Path | None,
-        typer.Option(
-            "--columns",
-            metavar="FILE",
-            help="Write the notch-filtered signals over time, .csv or .parquet.",
-            show_default=False,
-        ),
+        option("--columns FILE", "Write the notch-filtered signals over time, .csv or .parquet."),
         TABLE,
     ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(
-            "--picture",
-            metavar="FILE.png",
-            help="Draw the filtered voltages over time, and their increments over tilt and speed.",
-            show_default=False,
+        option(
+            "--picture FILE.png",
+            "Draw the filtered voltages over time, and their increments over tilt and speed.",
         ),
         PICTURE,
     ] = None,

@@ -72,7 +72,7 @@ def up(
 ) -> Graph:
     """Return the bench as a graph of nodes, which ``with`` starts and ends.
 
-    The nodes are plant, controller, conductor, drag estimator and recorder, each a process of its own.
+    The nodes are plant, controller, conductor, drag estimator and recorder, a process each.
 
     Parameters
     ----------
@@ -85,22 +85,22 @@ def up(
     record : str or Path, optional
         New directory for a recording.
     realtime : bool
-        Pace the bench by wall-clock time instead of as fast as it can go.
+        Pace the bench by wall-clock time instead of as fast as possible.
     without_nodes : sequence of str
-        Nodes that are not started, because your own takes their place.
+        Nodes that are not started, because the user's own replace them.
     domain : int, optional
         ROS domain, 0 .. 101; by default that of the environment.
     namespace : str
         Namespace of the nodes, such as ``/bench2``; empty: the root. Benches in different namespaces share a domain.
     logs : bool
-        Show what the nodes log.
+        Show the logs of the nodes.
     on_trouble : callable, optional
-        Called with a node and what is wrong with it.
+        Called with a node and its problem.
 
     Raises
     ------
     InputError
-        If something is not known or out of range, or the directory is not new.
+        If a name is unknown, a value out of range, or the directory is not new.
     """
     real, belief = (None if given is None else given.details for given in (truth, model))
     source, loaded = simulated_bench(bench, real, belief)
@@ -144,21 +144,9 @@ def tape(
 ) -> Tape:
     """Return a recording opened for `play`, which closes it.
 
-    Parameters
-    ----------
-    recording : str or Path
-        The recording.
-    only, without : sequence of str
-        Topics to give back, all if empty; and topics to leave out.
-    start, end : float
-        Time span, from the first sample on [s].
-    estimate : bool
-        Whether the drag estimator runs beside it: estimates that were recorded are left out then.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or the estimator would get no measurements.
+    `only` and `without` are topics to publish (all if empty) and to leave out, `start` and `end` the time span from the
+    first sample [s]. With `estimate` the drag estimator runs at the same time, and recorded estimates are left out.
+    InputError if the recording cannot be read, or the estimator would get no measurements.
     """
     place, left_out = Path(recording), list(without)
     if estimate:

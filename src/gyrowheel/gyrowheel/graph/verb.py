@@ -23,7 +23,8 @@ from gyrowheel.cli.options import (
     Namespace,
     Seed,
     Truth,
-    example,
+    argument,
+    option,
 )
 from gyrowheel.cli.outputs import NewRecording
 from gyrowheel.simulation.verb import model_of, note_belief, plan_on_bench, run_json
@@ -33,43 +34,16 @@ if TYPE_CHECKING:
     from gyrowheel.graph.api import GraphResult, Playing
 
 
-def register_up(app: typer.Typer) -> None:
-    """Add the verb that runs the bench."""
-    app.command(epilog=example("gyrowheel up --plan quick --record runs/monday --effect windage"))(up)
-
-
-def register_replay(app: typer.Typer) -> None:
-    """Add the verbs that replay a recording and show the bench."""
-    app.command(epilog=example("gyrowheel replay runs/monday --from 10 --to 20 --rate 0.5"))(replay)
-    app.command(epilog=example("gyrowheel live --port 8765"))(live)
-
-
-def register_run(app: typer.Typer) -> None:
-    """Add the verb that starts one node."""
-    settings = {"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []}
-    app.command(
-        epilog=example("gyrowheel run gyrowheel_sim plant_node --ros-args -p publish_truth:=true"),
-        context_settings=settings,
-    )(run)
-
-
 def up(
     plan: Annotated[
-        str | None,
-        typer.Option(
-            "--plan", metavar="P", help="Test plan to run; without one the bench runs until Ctrl-C."
-        ),
+        str | None, option("--plan P", "Test plan to run; without one the bench runs until Ctrl-C.")
     ] = None,
     record: Annotated[
-        Path | None,
-        typer.Option("--record", metavar="DIR", help="Record into this new directory.", show_default=False),
-        NewRecording(),
+        Path | None, option("--record DIR", "Record into this new directory."), NewRecording()
     ] = None,
     realtime: Annotated[
         bool,
-        typer.Option(
-            "--realtime", help="Pace the bench by wall-clock time instead of running as fast as possible."
-        ),
+        option("--realtime", "Pace the bench by wall-clock time instead of running as fast as possible."),
     ] = False,
     effect: Effects = None,
     truth: Truth = None,
@@ -80,21 +54,15 @@ def up(
     bench: BenchOfRun = None,
     without: Annotated[
         list[str] | None,
-        typer.Option(
-            "--without",
-            metavar="NODE",
-            help="Do not start this node, because your own takes its place; may be given again.",
-            show_default=False,
+        option(
+            "--without NODE", "Do not start this node, because your own takes its place; may be given again."
         ),
     ] = None,
     domain: Annotated[
-        int | None,
-        typer.Option(
-            "--domain", metavar="N", help="ROS domain, 0 .. 101.", show_default="ROS_DOMAIN_ID, or 0"
-        ),
+        int | None, option("--domain N", "ROS domain, 0 .. 101.", "ROS_DOMAIN_ID, or 0")
     ] = None,
     namespace: Namespace = "",
-    logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
+    logs: Annotated[bool, option("--logs", "Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
     """Run the bench as ROS nodes: plant, controller, conductor, drag estimator and recorder, a process each.
@@ -103,7 +71,7 @@ def up(
     """
     from gyrowheel import Recording
     from gyrowheel.graph import api as graphs
-    from gyrowheel.recordings.provenance import machine_options, note_machine
+    from gyrowheel.recordings.api import machine_options, note_machine
 
     believed, machine_model = model_of(model), model_of(truth)
     chosen = None if plan is None else plan_on_bench(plan, bench, machine_model, believed)
@@ -177,65 +145,41 @@ def _report(result: GraphResult, json: str | None) -> None:
 
 
 def replay(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
-    rate: Annotated[
-        float, typer.Option("--rate", metavar="R", help="Speed, as a multiple of the recorded one.")
-    ] = 1.0,
-    fast: Annotated[bool, typer.Option("--fast", help="As fast as the readers can take it.")] = False,
-    step: Annotated[bool, typer.Option("--step", help="Start paused, and go on step by step.")] = False,
+    directory: Annotated[Path, argument("DIR", "Recording.")],
+    rate: Annotated[float, option("--rate R", "Speed, as a multiple of the recorded one.")] = 1.0,
+    fast: Annotated[bool, option("--fast", "As fast as the readers can take it.")] = False,
+    step: Annotated[bool, option("--step", "Start paused, and go on step by step.")] = False,
     step_length: Annotated[
-        float,
-        typer.Option(
-            "--step-length", metavar="S", help="Length of a step, in seconds; 0: to the next sample."
-        ),
+        float, option("--step-length S", "Length of a step, in seconds; 0: to the next sample.")
     ] = 0.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
-    start: Annotated[
-        float, typer.Option("--from", metavar="S", help="Start, in seconds since the first sample.")
-    ] = 0.0,
+    loop: Annotated[bool, option("--loop", "Start again at the end.")] = False,
+    start: Annotated[float, option("--from S", "Start, in seconds since the first sample.")] = 0.0,
     end: Annotated[
-        float | None,
-        typer.Option(
-            "--to", metavar="S", help="End, in seconds since the first sample.", show_default="the end"
-        ),
+        float | None, option("--to S", "End, in seconds since the first sample.", "the end")
     ] = None,
     topic: Annotated[
-        list[str] | None,
-        typer.Option("--topic", metavar="T", help="Publish this topic only. Repeatable.", show_default="all"),
+        list[str] | None, option("--topic T", "Publish this topic only. Repeatable.", "all")
     ] = None,
-    without: Annotated[
-        list[str] | None,
-        typer.Option("--without", metavar="T", help="Leave out this topic. Repeatable.", show_default=False),
-    ] = None,
-    clock: Annotated[bool, typer.Option("--clock/--no-clock", help="Publish /clock.")] = True,
+    without: Annotated[list[str] | None, option("--without T", "Leave out this topic. Repeatable.")] = None,
+    clock: Annotated[bool, option("--clock/--no-clock", "Publish /clock.")] = True,
     wait: Annotated[
-        float,
-        typer.Option(
-            "--wait", metavar="S", help="Time to look for other nodes before it begins, in seconds."
-        ),
+        float, option("--wait S", "Time to look for other nodes before it begins, in seconds.")
     ] = 3.5,
-    readers: Annotated[
-        int, typer.Option("--readers", metavar="N", help="Readers of the samples to wait for.")
-    ] = 0,
+    readers: Annotated[int, option("--readers N", "Readers of the samples to wait for.")] = 0,
     estimate: Annotated[
-        bool, typer.Option("--estimate", help="Run the drag estimator on it and show its estimates.")
+        bool, option("--estimate", "Run the drag estimator on it and show its estimates.")
     ] = False,
     model: Annotated[
         Path | None,
-        typer.Option(
-            "--model",
-            metavar="M.yaml",
-            help="Model that the estimator believes.",
-            show_default="a new one of the bench gyrowheel",
-        ),
+        option("--model M.yaml", "Model that the estimator believes.", "a new one of the bench gyrowheel"),
     ] = None,
     namespace: Namespace = "",
-    logs: Annotated[bool, typer.Option("--logs", help="Show what the nodes log.")] = False,
+    logs: Annotated[bool, option("--logs", "Show what the nodes log.")] = False,
     json: Json = None,
 ) -> None:
     """Publish a recorded run again over ROS, message by message.
 
-    On a terminal the space bar stops it and lets it go on, s makes one step,
+    On a terminal the space bar pauses and resumes it, s makes one step,
     q ends it. The services /gyrowheel/replay/pause and step do the same from
     elsewhere.
     """
@@ -351,25 +295,21 @@ def _showing(duration: float, start: float) -> Iterator[Callable[[Playing], None
 
 
 def live(
-    port: Annotated[
-        int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port on this computer; 0: any.")
-    ] = 8765,
+    port: Annotated[int, option("--port N", "Port on this computer; 0: any.", min=0, max=65535)] = 8765,
     origin: Annotated[
         list[str] | None,
-        typer.Option(
-            "--origin",
-            metavar="URL",
-            help="A web page that may read too, such as https://app.foxglove.dev; repeatable. Pages of other sites are "
+        option(
+            "--origin URL",
+            "A web page that may read too, such as https://app.foxglove.dev; repeatable. Pages of other sites are "
             "refused.",
-            show_default=False,
         ),
     ] = None,
     namespace: Namespace = "",
 ) -> None:
     """Show the running bench, or a replay, in the viewer Foxglove until Ctrl-C.
 
-    Start it beside `gyrowheel up` or `gyrowheel replay`, open the address that
-    it prints in Foxglove (Open connection), and import the layout that it
+    Start it while `gyrowheel up` or `gyrowheel replay` runs, open the address
+    that it prints in Foxglove (Open connection), and import the layout that it
     names.
     """
     from gyrowheel.graph.api import foxglove, foxglove_layout, share_file
@@ -390,12 +330,9 @@ def live(
 
 def run(
     context: typer.Context,
-    package: Annotated[
-        str | None, typer.Argument(metavar="PKG", help="Package.", show_default="lists all packages")
-    ] = None,
+    package: Annotated[str | None, argument("PKG", "Package.", "lists all packages")] = None,
     executable: Annotated[
-        str | None,
-        typer.Argument(metavar="EXE", help="Executable of it.", show_default="lists those of the package"),
+        str | None, argument("EXE", "Executable of it.", "lists those of the package")
     ] = None,
 ) -> None:
     """Start one node, as ros2 run does; further arguments go to the node.

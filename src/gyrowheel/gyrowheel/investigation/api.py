@@ -165,9 +165,9 @@ def investigate(
 
     if first and effects:
         hidden(first[0], 1)  # refuses bad effects before any file is written
-    told = listener or _Quiet(progress or (lambda text: None))
+    receiver = listener or _Quiet(progress or (lambda text: None))
     if run is None:
-        run = _in_nodes(told, model, hidden) if nodes else _at_once(told, model, hidden)
+        run = _in_nodes(receiver, model, hidden) if nodes else _at_once(receiver, model, hidden)
     scratch = None if folder is not None else tempfile.TemporaryDirectory(prefix="gyrowheel-")
     place = Path(scratch.name if scratch is not None else folder or "")
     done = Course(model.origin, budget, averages=averages)
@@ -189,7 +189,7 @@ def investigate(
         with journal(place, work, resume=resume) as kept:
             once = _once(run, kept, key)
             steps = pursue(
-                done, model.details, place, once, told, plans=first, at_hand=at_hand, thorough=thorough
+                done, model.details, place, once, receiver, plans=first, at_hand=at_hand, thorough=thorough
             )
             for done in steps:  # noqa: B007, the last one is the result
                 pass
@@ -199,13 +199,7 @@ def investigate(
 
 
 def settings_of(folder: str | Path) -> dict[str, Any]:
-    """Return the arguments of `investigate` of the investigation in a folder; ``model`` is a path.
-
-    Raises
-    ------
-    InputError
-        If there is no investigation.
-    """
+    """Return the arguments of `investigate` of the investigation in a folder; ``model`` is a path."""
     found = begun(Path(folder), KIND).settings
     found["blind"] = None if found["blind"] is None else _near(found["blind"])
     for name in ("recordings", "plans"):

@@ -11,11 +11,10 @@ from rich.text import Text
 
 from gyrowheel.diagnosis.page import error_section, findings
 from gyrowheel.show.layout import words_table
-from gyrowheel.show.quantities import seconds
-from gyrowheel_core.quantities import listed
+from gyrowheel_core.quantities import listed, seconds
 
 if TYPE_CHECKING:
-    from gyrowheel.investigation.procedure import Course
+    from gyrowheel.investigation.procedure import Course, Step
     from gyrowheel_analysis.diagnosis.result import Diagnosis
 
 
@@ -39,6 +38,14 @@ def end_sentence(done: Course) -> str:
     state = "Settled" if done.settled else "Not settled"
     left = seconds(60.0 * max(done.budget - done.minutes, 0.0))
     return f"{state} after {took} of bench time, {left} left: {done.reason or 'interrupted'}."
+
+
+def verdict_line(step: Step) -> str:
+    """Return the verdict of a step, the previous one if it differs, and the bench time left."""
+    now, before = (text.replace("_", " ") for text in (step.diagnosis.verdict, step.before or ""))
+    change = now if not before else f"still {now}" if before == now else f"{before} → {now}"
+    left = f"; {seconds(60.0 * step.left)} of bench time left" if step.minutes or step.left else ""
+    return f"verdict: {change}{left}"
 
 
 def unseen_sentence(found: Diagnosis) -> str:

@@ -5,21 +5,23 @@ The machine is known here by its recordings alone: a function runs a plan and wr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from gyrowheel.investigation.sentences import learned, settled_by
-from gyrowheel.show.sentences.diagnosis import purpose, verdict_sentence
+from gyrowheel.show.sentences.diagnosis import named, purpose, verdict_sentence
+from gyrowheel.show.sentences.findings import instrument_open, instrument_sentence
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, json_text, write_text
+from gyrowheel_core.quantities import listed, quantity
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.result import Diagnosis
+    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
     from gyrowheel_analysis.model import Model
     from gyrowheel_recording.bags import Recording
 
@@ -188,23 +190,15 @@ def pursue(
     model : Model
         The model.
     folder : Path
-        Folder for the recordings and for ``investigation.json``, which is complete after every step; created if
-        missing.
+        Folder for the recordings and for ``investigation.json``, which is complete after every step.
     run : callable
         Runs a plan on the bench and records it.
     listener : Listener
         Receives the course of the investigation.
-    plans : sequence of Plan
-        The first plans.
-    at_hand : sequence of Path
-        Existing recordings.
+    plans, at_hand : sequence of Plan, of Path
+        The first plans, and existing recordings; InputError without both, or if the plans exceed the budget.
     thorough : bool
         Whether to continue until every known effect would have shown at its usual size.
-
-    Raises
-    ------
-    InputError
-        If there is neither a plan nor a recording, or the first plans take more time than the budget.
     """
     from gyrowheel_recording.bags import Recording
 
@@ -337,7 +331,7 @@ def _next(
 
 
 def _separation(found: Diagnosis, fresh: Callable[[str], bool]) -> Wanted | tuple[bool, str]:
-    """Return the test that separates a tie; else why there is none."""
+    """Return the test that separates a tie; else that the tie is not settled, and the reason."""
     test = found.next_test
     if test is not None and fresh(test.plan):
         return Wanted(test.plan, purpose(test))
@@ -376,3 +370,45 @@ def _why_so_soon(
 
 def _alternatives(found: Diagnosis) -> set[str]:
     return {name for own, ties in found.ties.items() for name in (own, *(tie.name for tie in ties))}
+
+
+def learned(found: Diagnosis, ruled_out: Sequence[str]) -> list[str]:
+    """Return a diagnosis in a sentence or two, and what it ruled out since the previous one."""
+    if found.verdict == "unknown":
+        formula = f" Proposed formula: {found.free_form[0].formula}." if found.free_form else ""
+        said = [f"Something acts that no known effect explains.{formula}"]
+    elif found.verdict == "ambiguous":
+        said = [_open(finding) for finding in found.effects]
+        said += [instrument_open(finding) for finding in found.instruments]
+    elif found.verdict == "effect":
+        said = [f"Found: {named(finding)}, {_size(finding)}." for finding in found.effects]
+        said += [instrument_sentence(finding) for finding in found.instruments]
+    else:
+        said = [verdict_sentence(found)]
+    if ruled_out and (found.effects or found.instruments):
+        said.append(f"{listed(ruled_out, 'and')} {'is' if len(ruled_out) == 1 else 'are'} ruled out.")
+    return said
+
+
+def settled_by(open_names: Sequence[str], channel: str, delta_chi2: float, rival: str) -> str:
+    """Return which channel settles at once what averages over revolutions leave open."""
+    return (
+        f"Averages over revolutions alone would not separate {listed(open_names, 'from')}; {channel} does "
+        f"(Δχ² {delta_chi2:.0f} against {rival})."
+    )
+
+
+def _open(finding: EffectFinding) -> str:
+    if not finding.ties:
+        return f"Found: {named(finding)}, {_size(finding)}."
+    others = listed([tie.name for tie in finding.ties], "or")
+    return f"Most likely {named(finding)}, but {others} would explain it as well."
+
+
+def _size(finding: EffectFinding) -> str:
+    """Return the first amplitude of a finding with its relative error."""
+    name, estimate = next(iter(finding.coefficients.items()))
+    text = f"{name} = {quantity(estimate.value, estimate.unit)}"
+    if estimate.value and math.isfinite(estimate.standard_error):
+        text += f", known to {100.0 * abs(estimate.standard_error / estimate.value):.2g} %"
+    return text

@@ -11,8 +11,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gyrowheel.cli.console import INTERRUPTED, Tour, advancing, put_json, put_picture, working
-from gyrowheel.cli.options import Averages, Blind, Effects, ErrorPicture, Json, Machine, Seed, example
-from gyrowheel.cli.resume import Resume, going_on, going_on_command, merged, place_of
+from gyrowheel.cli.options import (
+    Averages,
+    Blind,
+    Effects,
+    ErrorPicture,
+    Json,
+    Machine,
+    Resume,
+    Seed,
+    argument,
+    going_on,
+    going_on_command,
+    merged,
+    option,
+    place_of,
+)
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,61 +34,32 @@ if TYPE_CHECKING:
     from gyrowheel.investigation.procedure import Step
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel investigate --model wheel.yaml --blind key.json --budget 10"))(
-        investigate
-    )
-
-
 def investigate(
     context: typer.Context,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", metavar="M.yaml", help="Model file; needed unless --resume.", show_default=False
-        ),
-    ] = None,
-    directories: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="DIR", help="Existing recordings to start from.", show_default=False),
-    ] = None,
-    budget: Annotated[
-        float,
-        typer.Option("--budget", metavar="MINUTES", min=0.0, help="Bench time that may be spent."),
-    ] = 15.0,
+    model: Annotated[Path | None, option("--model M.yaml", "Model file; needed unless --resume.")] = None,
+    directories: Annotated[list[Path] | None, argument("DIR", "Existing recordings to start from.")] = None,
+    budget: Annotated[float, option("--budget MINUTES", "Bench time that may be spent.", min=0.0)] = 15.0,
     plan: Annotated[
         list[str] | None,
-        typer.Option(
-            "--plan",
-            metavar="P",
-            help="First plan: shipped name, or a plan file. Repeatable.",
-            show_default="quick, if there are no recordings",
+        option(
+            "--plan P",
+            "First plan: shipped name, or a plan file. Repeatable.",
+            "quick, if there are no recordings",
         ),
     ] = None,
     thorough: Annotated[
-        bool,
-        typer.Option(
-            "--thorough", help="Continue until every known effect would have shown at a usual size."
-        ),
+        bool, option("--thorough", "Continue until every known effect would have shown at a usual size.")
     ] = False,
     averages: Averages = False,
     simulate: Annotated[
-        bool, typer.Option("--simulate", help="Simulate the plans at once, without the graph of nodes.")
+        bool, option("--simulate", "Simulate the plans at once, without the graph of nodes.")
     ] = False,
     effect: Effects = None,
     blind: Blind = None,
     machine: Machine = None,
     seed: Seed = 0,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="New directory for all recordings.",
-            show_default="out/investigation-N",
-        ),
+        Path | None, option("-o --output DIR", "New directory for all recordings.", "out/investigation-N")
     ] = None,
     resume: Resume = None,
     picture: ErrorPicture = None,
@@ -91,7 +76,7 @@ def investigate(
     from gyrowheel import Model, Recording
     from gyrowheel.investigation.api import investigate as run
     from gyrowheel.investigation.api import settings_of
-    from gyrowheel.recordings.provenance import machine_options, note_machine
+    from gyrowheel.recordings.api import machine_options, note_machine
 
     folder = place_of(output, resume, "investigation")
     chosen: dict[str, Any] = {
@@ -175,21 +160,11 @@ class _Teller:
         return advancing(title)
 
     def learned(self, step: Step) -> None:
-        from gyrowheel.show.quantities import seconds
+        from gyrowheel.investigation.page import verdict_line
 
         for sentence in step.learned:
             self._tour.say(sentence)
-        left = f"; {seconds(60.0 * step.left)} of bench time left" if step.minutes or step.left else ""
-        self._tour.say(f"{_verdicts(step)}{left}", style="dim")
-
-
-def _verdicts(step: Step) -> str:
-    """Return the verdict, and the previous one if it differs."""
-    now = step.diagnosis.verdict.replace("_", " ")
-    if step.before is None:
-        return f"verdict: {now}"
-    before = step.before.replace("_", " ")
-    return f"verdict: still {now}" if before == now else f"verdict: {before} → {now}"
+        self._tour.say(verdict_line(step), style="dim")
 
 
 def _again(
@@ -210,7 +185,7 @@ def _again(
 def _report(done: Investigation, recordings: Sequence[Path], model: Path, tour: Tour) -> None:
     """Write the report of the last diagnosis next to the recordings."""
     import gyrowheel as gw
-    from gyrowheel.diagnosis.next_command import diagnosing, following
+    from gyrowheel.diagnosis.page import diagnosing, following
     from gyrowheel.show.layout import Unbroken
 
     if done.diagnosis is None:
@@ -242,8 +217,7 @@ def _finish(
     """Show the last diagnosis, the next command, and how the investigation ended."""
     from rich.text import Text
 
-    from gyrowheel.diagnosis.next_command import following
-    from gyrowheel.diagnosis.page import detection_limits, error_section, findings
+    from gyrowheel.diagnosis.page import detection_limits, error_section, findings, following
     from gyrowheel.investigation.page import end_sentence, unseen_sentence
     from gyrowheel.show.layout import Unbroken, command, heading
 
@@ -258,7 +232,7 @@ def _finish(
         if done.settled and not thorough and unseen:
             tour.show([heading("To be thorough"), Text(unseen), command(f"{again} --thorough")])
     if done.interrupted or (done.steps and not done.settled and recordings):
-        tour.show([heading("To go on from here"), command(again)])
+        tour.show([heading("To continue from here"), command(again)])
     colour = "green" if done.settled else "yellow"
     tour.show([Text(f"\n{end_sentence(done)}", style=f"bold {colour}")])
     if done.folder.is_dir() and any(part.is_dir() for part in done.folder.iterdir()):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.recordings.correction import wrong_setups
+from gyrowheel.recordings.api import wrong_setups
 from gyrowheel.recordings.inputs import Recordings, Say, data, opened_apart, require_one_machine
 from gyrowheel.show.result import Shown, columns_of
 from gyrowheel_analysis.model import Model as Details
@@ -78,8 +78,8 @@ class Model(Shown):
     @property
     def bench_source(self) -> str:
         """Shipped name of the bench or path of its file, usable from the working directory."""
-        beside = Path(self._details.origin).parent / self._details.bench_source
-        return str(beside) if beside.is_file() else self._details.bench_source
+        file = Path(self._details.origin).parent / self._details.bench_source
+        return str(file) if file.is_file() else self._details.bench_source
 
     @property
     def effects(self) -> Mapping[str, Mapping[str, float]]:

@@ -7,21 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
 from gyrowheel.show.error_table import error_table
 from gyrowheel.show.formulas import pretty
-from gyrowheel.show.layout import heading, sentences, words_table
-from gyrowheel.show.quantities import decimal, fixed, with_error
-from gyrowheel.show.sentences.events import event_sentences
+from gyrowheel.show.layout import heading, indented, sentences, words_table
+from gyrowheel.show.sentences.findings import event_sentences
 from gyrowheel.show.sentences.proof import doubt_sentence, proof_line
+from gyrowheel_core.quantities import decimal, fixed, with_error
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.add import Added
     from gyrowheel_analysis.model import Model
 
-_INDENT = (0, 0, 0, 2)
 _MOVED = 0.5  # stated uncertainties by which a parameter must move to be named
 
 
@@ -30,9 +28,7 @@ def model_page(model: Model) -> Iterator[RenderableType]:
     yield Text.assemble((model.origin, "bold cyan"), f"  bench {model.bench_source}")
     yield from _effects_section(model)
     yield heading("Bench parameters fitted to recordings")
-    yield Padding(
-        _overrides(model, model.overrides) if model.overrides else Text("none", style="dim"), _INDENT
-    )
+    yield indented(_overrides(model, model.overrides) if model.overrides else Text("none", style="dim"))
     yield heading("History")
     history = words_table("time", "what", "χ²/N", "recordings", whole=(0, 2))
     for entry in model.history:
@@ -40,12 +36,12 @@ def model_page(model: Model) -> Iterator[RenderableType]:
         words = (Text(text, overflow="fold") for text in (str(entry.get("what", "")), _recordings(entry)))
         what, recordings = words
         history.add_row(time.rpartition(":")[0], what, _fall(entry), recordings)
-    yield Padding(history if model.history else Text("none", style="dim"), _INDENT)
+    yield indented(history if model.history else Text("none", style="dim"))
 
 
 def _effects_section(model: Model) -> Iterator[RenderableType]:
     yield heading("Effects")
-    yield Padding(_effects(model) if model.effects else Text("none", style="dim"), _INDENT)
+    yield indented(_effects(model) if model.effects else Text("none", style="dim"))
 
 
 def addition_page(added: Added) -> Iterator[RenderableType]:
@@ -73,7 +69,7 @@ def changes(model: Model) -> Iterator[RenderableType]:
     ]
     if far:
         yield heading("Bench parameters that moved by more than their stated uncertainty")
-        yield Padding(_overrides(model, far), _INDENT)
+        yield indented(_overrides(model, far))
 
 
 def difference(old: Model, new: Model) -> Iterator[RenderableType]:

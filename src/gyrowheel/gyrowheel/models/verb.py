@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gyrowheel.cli.console import editing, out, put, put_content, put_text, working
-from gyrowheel.cli.options import BenchName, ErrorPicture, Json, Mixed, ModelFile, Validation, example
+from gyrowheel.cli.options import (
+    BenchName,
+    ErrorPicture,
+    Json,
+    Mixed,
+    ModelFile,
+    Validation,
+    argument,
+    example,
+    option,
+)
 from gyrowheel.show.files import require_writable
 from gyrowheel_core.errors import InputError
 
@@ -22,11 +32,6 @@ model_app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.add_typer(model_app, name="model", epilog=example("gyrowheel model show --model wheel.yaml"))
 
 
 @model_app.command(epilog=example("gyrowheel model new --model wheel.yaml"))
@@ -44,35 +49,23 @@ def new(model: ModelFile, bench: BenchName = "gyrowheel") -> None:
 @model_app.command(epilog=example("gyrowheel model add windage --model wheel.yaml --fit runs/monday"))
 def add(
     model: ModelFile,
-    fit: Annotated[
-        list[Path],
-        typer.Option("--fit", metavar="DIR", help="Recording to fit. Repeatable.", show_default=False),
-    ],
+    fit: Annotated[list[Path], option("--fit DIR", "Recording to fit. Repeatable.")],
     effects: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="EFFECT...",
-            help="Effects to add; aero:MODEL adds all effects of an air model, fitted within its uncertainties.",
-            show_default=False,
+        argument(
+            "EFFECT...",
+            "Effects to add; aero:MODEL adds all effects of an air model, fitted within its uncertainties.",
         ),
     ] = None,
     formula: Annotated[
         list[str] | None,
-        typer.Option(
-            "--formula",
-            metavar="TEXT",
-            help="User-defined effect, such as '-k*r^2*z'; docs/formulas.md describes the grammar. Repeatable.",
-            show_default=False,
+        option(
+            "--formula TEXT",
+            "User-defined effect, such as '-k*r^2*z'; docs/formulas.md describes the grammar. Repeatable.",
         ),
     ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option("--name", metavar="NAME", help="Name of the formula's effect.", show_default="own"),
-    ] = None,
-    target: Annotated[
-        str | None,
-        typer.Option("--target", metavar="T", help="What the formula acts on.", show_default="rotor_torque"),
-    ] = None,
+    name: Annotated[str | None, option("--name NAME", "Name of the formula's effect.", "own")] = None,
+    target: Annotated[str | None, option("--target T", "What the formula acts on.", "rotor_torque")] = None,
     validate: Validation = None,
     mixed: Mixed = False,
     picture: ErrorPicture = None,
@@ -103,9 +96,7 @@ def add(
 
 @model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))
 def remove(
-    effects: Annotated[
-        list[str], typer.Argument(metavar="EFFECT...", help="Effects to remove.", show_default=False)
-    ],
+    effects: Annotated[list[str], argument("EFFECT...", "Effects to remove.")],
     model: ModelFile,
 ) -> None:
     """Remove effects; the other coefficients keep their values."""
@@ -144,8 +135,8 @@ def undo(model: ModelFile) -> None:
 
 @model_app.command(epilog=example("gyrowheel model diff old.yaml new.yaml"))
 def diff(
-    old: Annotated[Path, typer.Argument(help="Model file.", show_default=False)],
-    new: Annotated[Path, typer.Argument(help="Model file to compare with it.", show_default=False)],
+    old: Annotated[Path, argument(None, "Model file.")],
+    new: Annotated[Path, argument(None, "Model file to compare with it.")],
     json: Json = None,
 ) -> None:
     """Show the differences between two models."""

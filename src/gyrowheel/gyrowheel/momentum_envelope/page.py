@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
-from gyrowheel.show.layout import figures_table, heading
+from gyrowheel.show.layout import figures_table, heading, indented
 from gyrowheel_core.quantities import fixed, short
 from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_sim.mechanics.momentum import Envelope
 
-_INDENT = (0, 0, 0, 2)
 _DIGITS = 4
 
 
@@ -35,10 +33,10 @@ def momentum_page(d: Envelope) -> Iterator[RenderableType]:
         values = (d.approximate[s, 0, 0, 2], along, np.hypot(x, y), d.smallest[s, -1, 0], d.largest[s, -1, 0])
         upright, axial, across, low, high = (fixed(float(value) / unit.size, _DIGITS) for value in values)
         table.add_row(f"{speed / RPM:.0f}", upright, axial, across, f"{low} .. {high}")
-    yield Padding(table, _INDENT)
+    yield indented(table)
     yield heading("Largest error of eq (1) within a revolution, % of the exact momentum")
     errors = figures_table("tilt, °", "last form", "middle expression")
     for tilt, last, middle in zip(d.tilt, d.error_last, d.error_middle, strict=True):
         if tilt > 0.0:
             errors.add_row(short(tilt / DEG), *(fixed(100.0 * float(value), 2) for value in (last, middle)))
-    yield Padding(errors, _INDENT)
+    yield indented(errors)

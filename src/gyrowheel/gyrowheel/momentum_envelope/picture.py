@@ -1,6 +1,6 @@
 """Pictures of the momentum that a wheel can take, Figs 3 and 4 of Huo et al. 2016.
 
-The exact momentum of the rotor stands beside the approximation of the paper, so that one sees what is neglected.
+The exact momentum of the rotor is drawn next to the approximation of the paper: the difference is what is neglected.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import Picture, finished
-from gyrowheel.show.style import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, style
+from gyrowheel.show.figure import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, Picture, drawn
 from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
@@ -30,45 +29,13 @@ _BOX = 0.8  # height of a box over its width
 _EXACT, _LAST, _MIDDLE = BLUE, VERMILION, GREEN
 
 
+@drawn(10.5)
 def caps_figure(bench: Bench, speeds: Array | None = None) -> Figure:
-    """Draw Fig. 3: the caps at up to three speeds, and the exact form beside the approximations.
+    """Draw Fig. 3: the caps at up to three spin rates [rad/s], and the exact form next to the approximations.
 
-    Parameters
-    ----------
-    bench : Bench
-        Gives inertias and the largest tilt.
-    speeds : ndarray, optional
-        Spin rates [rad/s], lowest first; of more than three the lowest, the middle one and the highest are drawn.
-        Those of Fig. 3 if not given.
+    Of more than three spin rates, lowest first, the lowest, the middle one and the highest are drawn.
     """
-    with style(10.5):
-        return finished(_draw_caps(bench, _three(bench, speeds)))
-
-
-def body_figure(bench: Bench, speeds: Array | None = None) -> Figure:
-    """Draw Fig. 4: the body of all momenta between the lowest and the highest speed, cut open, and its section."""
-    with style(10.5):
-        return finished(_draw_body(bench, _three(bench, speeds)))
-
-
-def _three(bench: Bench, speeds: Array | None) -> Array:
-    """Return at most three speeds: the lowest, the middle one, the highest."""
-    given = speeds_of(bench) if speeds is None else speeds
-    return given if len(given) <= 3 else given[[0, len(given) // 2, -1]]
-
-
-def _middle(speeds: Array) -> float:
-    return float(speeds[len(speeds) // 2])
-
-
-def _cap(bench: Bench, speed: float, turn: Array, tilts: int = 12) -> Array:
-    """Return the cap of a speed over the azimuths `turn`, shape (tilts, azimuths, 3)."""
-    tilt = np.linspace(0.0, bench.value("tilt_limit"), tilts)
-    phi, alpha = np.meshgrid(tilt, turn, indexing="ij")
-    return k.momentum_envelope(np.full(phi.shape, speed), phi, alpha, bench.value("rotor_inertia_z"))
-
-
-def _draw_caps(bench: Bench, speeds: Array) -> Figure:
+    speeds = _three(bench, speeds)
     figure = Picture(11.5, 7.4, dots=_DOTS)
     unit, scale = unit_for(bench.value("rotor_inertia_z") * float(speeds[-1]), "N·m·s")
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
@@ -94,9 +61,12 @@ def _draw_caps(bench: Bench, speeds: Array) -> Figure:
     return figure
 
 
-def _draw_body(bench: Bench, speeds: Array) -> Figure:
+@drawn(10.5)
+def body_figure(bench: Bench, speeds: Array | None = None) -> Figure:
+    """Draw Fig. 4: the body of all momenta between the lowest and the highest speed, cut open, and its section."""
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+    speeds = _three(bench, speeds)
     figure = Picture(11.5, 5.0, dots=_DOTS)
     unit, scale = unit_for(bench.value("rotor_inertia_z") * float(speeds[-1]), "N·m·s")
     limit, inertia = bench.value("tilt_limit"), bench.value("rotor_inertia_z") / scale
@@ -158,6 +128,23 @@ def _draw_body(bench: Bench, speeds: Array) -> Figure:
     section.margins(y=0.12)
     section.set_axisbelow(True)
     return figure
+
+
+def _three(bench: Bench, speeds: Array | None) -> Array:
+    """Return at most three speeds: the lowest, the middle one, the highest."""
+    given = speeds_of(bench) if speeds is None else speeds
+    return given if len(given) <= 3 else given[[0, len(given) // 2, -1]]
+
+
+def _middle(speeds: Array) -> float:
+    return float(speeds[len(speeds) // 2])
+
+
+def _cap(bench: Bench, speed: float, turn: Array, tilts: int = 12) -> Array:
+    """Return the cap of a speed over the azimuths `turn`, shape (tilts, azimuths, 3)."""
+    tilt = np.linspace(0.0, bench.value("tilt_limit"), tilts)
+    phi, alpha = np.meshgrid(tilt, turn, indexing="ij")
+    return k.momentum_envelope(np.full(phi.shape, speed), phi, alpha, bench.value("rotor_inertia_z"))
 
 
 def _box(axes: Any, wide: float, low: float, high: float, unit: str, *, heights: int = 4) -> None:

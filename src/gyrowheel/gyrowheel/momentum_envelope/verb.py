@@ -6,45 +6,26 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import put, put_picture
-from gyrowheel.cli.options import BenchName, Json, example, numbers
+from gyrowheel.cli.options import BenchName, Json, numbers, option
 from gyrowheel.cli.outputs import PICTURE
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel momentum --bench dtg --picture caps.png"))(momentum)
 
 
 def momentum(
     bench: BenchName = "gyrowheel",
     speed: Annotated[
         str | None,
-        typer.Option(
-            "--speed",
-            metavar="RPM",
-            help="Spin rates: 3000, or 3000,4000, or 2000..4000, or 2000..4000:500, in rpm.",
-            show_default="highest, reference, and as far below it",
+        option(
+            "--speed RPM",
+            "Spin rates: 3000, or 3000,4000, or 2000..4000, or 2000..4000:500, in rpm.",
+            "highest, reference, and as far below it",
         ),
     ] = None,
     picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture",
-            metavar="FILE.png",
-            help="Draw the caps of up to three spin rates.",
-            show_default=False,
-        ),
-        PICTURE,
+        Path | None, option("--picture FILE.png", "Draw the caps of up to three spin rates."), PICTURE
     ] = None,
     body: Annotated[
-        Path | None,
-        typer.Option(
-            "--body", metavar="FILE.png", help="Draw the body between all spin rates.", show_default=False
-        ),
-        PICTURE,
+        Path | None, option("--body FILE.png", "Draw the body between all spin rates."), PICTURE
     ] = None,
     json: Json = None,
 ) -> None:

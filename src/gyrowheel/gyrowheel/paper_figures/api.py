@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.paper_figures import equations, experiment, flow, momentum
+from gyrowheel.paper_figures import equations, experiment, flow
 from gyrowheel.paper_figures.evidence import Evidence, JudgedPaper, Row, Statement
 from gyrowheel.recordings.inputs import Fraction
 from gyrowheel.show.result import Result
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 #: All statements, in the order of the paper.
-STATEMENTS: tuple[Statement, ...] = (
-    *momentum.STATEMENTS, *equations.STATEMENTS, *flow.STATEMENTS, *experiment.STATEMENTS,
-)  # fmt: skip
+STATEMENTS: tuple[Statement, ...] = (*equations.STATEMENTS, *flow.STATEMENTS, *experiment.STATEMENTS)
 
 
 @dataclass(frozen=True, repr=False)
@@ -31,13 +29,7 @@ class Paper(Result, JudgedPaper):
     """Outcome of `gyrowheel.paper`: the fields of `gyrowheel.paper_figures.evidence.JudgedPaper`."""
 
     def __getitem__(self, name: str) -> Row:
-        """Return the row of a name.
-
-        Raises
-        ------
-        InputError
-            If there is none.
-        """
+        """Return the row of a name; InputError for an unknown name."""
         for row in self.rows:
             if row.name == name:
                 return row

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from gyrowheel.show.figure import Picture, finished, headline
-from gyrowheel.show.style import FAINT, ZERO, style
+from gyrowheel.show.figure import FAINT, ZERO, Picture, drawn, headline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,28 +16,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Curve:
-    """One curve.
+    """One curve."""
 
-    Attributes
-    ----------
-    label : str
-        What the legend says; empty for none.
-    x, y : array_like
-        Points, in the units of the labels.
-    colour : str
-        Colour.
-    error : array_like, optional
-        Bars, to both sides.
-    line, marker : str
-        As matplotlib has them.
-    """
-
-    label: str
-    x: ArrayLike
+    label: str  # in the legend; empty for none
+    x: ArrayLike  # points, in the units of the labels
     y: ArrayLike
     colour: str
-    error: ArrayLike | None = None
-    line: str = "-"
+    error: ArrayLike | None = None  # bars, to both sides
+    line: str = "-"  # as matplotlib has it, like `marker`
     marker: str = ""
 
 
@@ -52,21 +37,9 @@ class Panel:
     curves: Sequence[Curve]
 
 
+@drawn()
 def curves_figure(title: str, remark: str, panels: Sequence[Panel]) -> Figure:
-    """Draw panels side by side, the legend above them.
-
-    Parameters
-    ----------
-    title, remark : str
-        Headline, and a line below it.
-    panels : sequence of Panel
-        One to three panels.
-    """
-    with style():
-        return finished(_draw(title, remark, panels))
-
-
-def _draw(title: str, remark: str, panels: Sequence[Panel]) -> Figure:
+    """Draw one to three panels side by side, with a headline, a line below it, and the legend above the panels."""
     figure = Picture(12.0 if len(panels) > 1 else 9.0, 4.8, dots=110)
     left = 0.07 if len(panels) > 1 else 0.1
     grid = figure.add_gridspec(1, len(panels), left=left, right=0.98, top=0.70, bottom=0.13, wspace=0.26)

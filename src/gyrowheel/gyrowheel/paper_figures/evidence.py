@@ -154,13 +154,7 @@ class Statements(list[Statement]):
 
 
 class Evidence:
-    """Bench, air, flow and recordings.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the noise of the recordings.
-    """
+    """Bench, air, flow and recordings; the seed is that of the noise of the recordings."""
 
     def __init__(self, seed: int = 0) -> None:
         self.seed = seed

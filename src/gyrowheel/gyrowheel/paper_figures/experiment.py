@@ -24,7 +24,7 @@ from gyrowheel.paper_figures.evidence import (
     part,
 )
 from gyrowheel.recordings.picture import recording_figure
-from gyrowheel.show.style import BLUE, GREEN, INK, ORANGE, SOFT, VERMILION
+from gyrowheel.show.figure import BLUE, GREEN, INK, ORANGE, SOFT, VERMILION
 from gyrowheel.torque_budget.api import torques
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import Plan

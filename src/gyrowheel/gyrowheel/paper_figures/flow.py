@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.air_flow import picture as air_flow
 from gyrowheel.paper_figures.evidence import REFERENCE, Evidence, Finding, Statements, Verdict
-from gyrowheel.show.figure import finished
-from gyrowheel.show.style import style
+from gyrowheel.show.figure import finished, style
 from gyrowheel_air.cfd.case import Result
 from gyrowheel_air.correlations import disc_boundary
 from gyrowheel_air.flow import Flow

@@ -7,12 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
-from gyrowheel.show.cells import Cells
-from gyrowheel.show.html import embedded, environment, style_sheet
-from gyrowheel.show.layout import heading, words_table
+from gyrowheel.show.html import Cells, embedded, environment, style_sheet
+from gyrowheel.show.layout import heading, indented, words_table
 
 if TYPE_CHECKING:
     from gyrowheel.paper_figures.evidence import JudgedPaper, Verdict
@@ -24,7 +22,6 @@ CITATION = (
 _COLOURS: Mapping[Verdict, str] = {"agree": "green", "disagree": "red", "cannot be decided": "yellow"}
 #: Colours of the verdicts on the page, by their names in the style sheet.
 _MOODS: Mapping[Verdict, str] = {"agree": "good", "disagree": "bad", "cannot be decided": "open"}
-_INDENT = (0, 0, 0, 2)
 
 
 def paper_page(result: JudgedPaper) -> Iterator[RenderableType]:
@@ -34,15 +31,15 @@ def paper_page(result: JudgedPaper) -> Iterator[RenderableType]:
     for row in result.rows:
         verdict = row.finding.verdict
         table.add_row(row.where, row.name, Text(verdict, style=_COLOURS[verdict]))
-    yield Padding(table, _INDENT)
+    yield indented(table)
     others = [row for row in result.rows if row.finding.verdict != "agree"]
     if others:
         yield heading("Disagreements and open statements")
     for row in others:
         verdict = row.finding.verdict
         yield Text.assemble(f"{row.where}: ", (verdict, _COLOURS[verdict]), f" ({row.name})")
-        yield Padding(Text(row.statement, style="italic"), _INDENT)
-        yield Padding(Text(f"{row.finding.ours} {row.finding.why}"), _INDENT)
+        yield indented(Text(row.statement, style="italic"))
+        yield indented(Text(f"{row.finding.ours} {row.finding.why}"))
         yield Text()
     yield Text(_summary(result))
 
@@ -56,14 +53,7 @@ def _summary(result: JudgedPaper) -> str:
 def html_page(result: JudgedPaper, content: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
     """Return the page: a table of all statements, then each with number, reason and picture.
 
-    Parameters
-    ----------
-    result : Paper
-        The statements.
-    content : mapping
-        The same as the content of ``paper.json``.
-    pictures : mapping of str to bytes
-        PNG files by the name of the row.
+    `content` equals ``paper.json``; `pictures` are PNG files by the name of the row.
     """
     cells = Cells(content)
     rows = [

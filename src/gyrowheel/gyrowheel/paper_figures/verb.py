@@ -5,33 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import advancing, notes, put
-from gyrowheel.cli.options import Json, Seed, example
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel paper -o paper"))(paper)
+from gyrowheel.cli.options import Json, Seed, option
 
 
 def paper(
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Write a page (index.html), its pictures and paper.json here, after every statement.",
-            show_default=False,
+        option(
+            "-o --output DIR",
+            "Write a page (index.html), its pictures and paper.json here, after every statement.",
         ),
     ] = None,
     only: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--only", metavar="NAME", help="Judge this statement only. Repeatable.", show_default="all"
-        ),
+        list[str] | None, option("--only NAME", "Judge this statement only. Repeatable.", "all")
     ] = None,
     seed: Seed = 0,
     json: Json = None,
@@ -49,7 +36,7 @@ def paper(
             result = gw.paper(output, only=only, seed=seed, progress=advance)
     except KeyboardInterrupt:
         if output is not None and (output / "index.html").is_file():
-            notes().print(f"what is finished: {output / 'index.html'}", soft_wrap=True)
+            notes().print(f"finished statements: {output / 'index.html'}", soft_wrap=True)
         raise
     put(result, json)
     if output is not None and json != "-":

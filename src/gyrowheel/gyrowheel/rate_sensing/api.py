@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.inputs import Recordings, Say, data, opened, require_one_machine
+from gyrowheel.recordings.inputs import Recordings, Say, data, of_one_machine
 from gyrowheel.show.result import Result
 from gyrowheel_analysis import rate_sensor as facts
 
@@ -69,6 +69,5 @@ def rate(recordings: Recordings, model: Model, *, mixed: bool = False, progress:
     InputError
         If a recording cannot be read, or there is no steady motion in any.
     """
-    given = opened(recordings)
-    require_one_machine(data(given), mixed=mixed)
+    given = of_one_machine(recordings, mixed=mixed)
     return Rates.of(facts.rates(data(given), model.details, progress=progress))

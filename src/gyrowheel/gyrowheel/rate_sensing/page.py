@@ -6,17 +6,14 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
-from gyrowheel.show.layout import figures_table, heading, sentences
-from gyrowheel.show.quantities import pair, short
+from gyrowheel.show.layout import figures_table, heading, indented, sentences
+from gyrowheel_core.quantities import pair, short
 from gyrowheel_core.units import DEG
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.rate_sensor import Rates
-
-_INDENT = (0, 0, 0, 2)
 
 
 def rates_page(result: Rates) -> Iterator[RenderableType]:
@@ -32,7 +29,7 @@ def rates_page(result: Rates) -> Iterator[RenderableType]:
         for k in range(2):
             cells += [pair(rate[k] / DEG, error[k] / DEG), short(reference[k] / DEG)]
         table.add_row(f"{time:.1f}", *cells)
-    yield Padding(table, _INDENT)
+    yield indented(table)
     yield Text()
     if any(result.lines):
         yield heading("Calibration against the rate table")
@@ -46,7 +43,7 @@ def rates_page(result: Rates) -> Iterator[RenderableType]:
                     pair(line.bias / hour, line.bias_error / hour),
                     short(line.rms / hour, 2),
                 )
-        yield Padding(axes, _INDENT)
+        yield indented(axes)
         yield Text()
     else:
         yield from sentences(

@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from gyrowheel.cli.console import put, working
-from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings, example
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel rate runs/rate_table --model wheel.yaml"))(rate)
+from gyrowheel.cli.options import Json, Mixed, ModelFile, Recordings
 
 
 def rate(directories: Recordings, model: ModelFile, mixed: Mixed = False, json: Json = None) -> None:

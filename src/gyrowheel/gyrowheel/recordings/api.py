@@ -1,9 +1,12 @@
-"""A recording of the bench, opened or simulated."""
+"""A recording of the bench: opened, simulated, salvaged or corrected."""
 
 from __future__ import annotations
 
+import contextlib
+import shlex
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +16,20 @@ from numpy.typing import NDArray
 
 from gyrowheel.show.result import Shown
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import write_text
 from gyrowheel_recording.bags import Recording as Data
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
+    from gyrowheel_analysis.model import Model
     from gyrowheel_recording.bags import Integrity, RecordingInfo, Salvaged
+    from gyrowheel_recording.mislabelled.fixes import WrongSetup
     from gyrowheel_sim.environment import Environment
+
+FOLDER = ".machines"  # of the notes on simulated machines
+_LONGEST = 4096  # characters of a note
 
 
 class Recording(Shown):
@@ -59,16 +68,26 @@ class Recording(Shown):
         """
         return cls(path, keep=keep)
 
-    @property
-    def _data(self) -> Data:
-        if self._opened is None:
-            self._opened = Data.open(self._path)
-        return self._opened
+    @classmethod
+    def written(cls, folder: str | Path | None, name: str, write: Callable[[Path], object]) -> Recording:
+        """Return the recording that a function writes into a new folder; without one into a temporary one.
+
+        The temporary one has the name, and is removed with the recording.
+        """
+        if folder is not None:
+            write(Path(folder))
+            return cls.made(Path(folder))
+        scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
+        place = Path(scratch.name) / name
+        write(place)
+        return cls.made(place, scratch)
 
     @property
     def data(self) -> Data:
         """The recording as the analysis package has it."""
-        return self._data
+        if self._opened is None:
+            self._opened = Data.open(self._path)
+        return self._opened
 
     @property
     def path(self) -> Path:
@@ -83,12 +102,12 @@ class Recording(Shown):
     @property
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
-        return self._data.duration
+        return self.data.duration
 
     @property
     def time(self) -> NDArray[np.float64]:
         """Times of the samples since the first one [s], shape (n,)."""
-        return _read_only(self._data.time)
+        return _read_only(self.data.time)
 
     @property
     def measurement(self) -> NDArray[Any]:
@@ -98,7 +117,7 @@ class Recording(Shown):
         [rad/s], ``coil_voltage_x``, ``coil_voltage_y``, ``motor_voltage`` [V], ``motor_current`` [A],
         ``coil_temperature``, ``air_temperature`` [K], ``air_pressure`` [Pa].
         """
-        return _read_only(self._data.measurement)
+        return _read_only(self.data.measurement)
 
     @property
     def commands(self) -> NDArray[Any]:
@@ -106,7 +125,7 @@ class Recording(Shown):
 
         ``stamp_ns`` [ns], ``measurement_sequence``, ``coil_voltage_x``, ``coil_voltage_y``, ``motor_voltage`` [V].
         """
-        return _read_only(self._data.command)
+        return _read_only(self.data.command)
 
     @property
     def setpoints(self) -> NDArray[Any]:
@@ -115,24 +134,24 @@ class Recording(Shown):
         ``stamp_ns`` [ns], ``segment``, ``phase`` (0 ramp, 1 hold), ``tilt_x``, ``tilt_y`` [rad], ``tilt_rate_x``,
         ``tilt_rate_y`` [rad/s], ``spin_rate`` [rad/s], ``spin_acceleration`` [rad/s²].
         """
-        return _read_only(self._data.setpoint)
+        return _read_only(self.data.setpoint)
 
     @property
     def environment(self) -> tuple[Environment, ...]:
         """Planned air and attitude of the rig, with times since the first sample; empty if unknown."""
-        return tuple(self._data.environment)
+        return tuple(self.data.environment)
 
     @property
     def integrity(self) -> Integrity:
         """Missing, duplicate, late and non-finite samples."""
-        return self._data.integrity()
+        return self.data.integrity()
 
     @cached_property
     def info(self) -> RecordingInfo:
         """Summary of the content: ``.bench``, ``.rate``, ``.holds``, ``.topics``, ``.integrity`` and more."""
         from gyrowheel_recording.bags import info
 
-        return info(self._data)
+        return info(self.data)
 
     def to_dict(self) -> dict[str, Any]:
         """Return `info` as ``gyrowheel info --json`` writes it."""
@@ -149,7 +168,7 @@ class Recording(Shown):
         """Return tilt, spin rate, voltages and motor current over time as a matplotlib figure."""
         from gyrowheel.recordings.picture import recording_figure
 
-        return recording_figure(self._data)
+        return recording_figure(self.data)
 
     def save(self, folder: str | Path) -> Recording:
         """Write a copy of the recording.
@@ -181,7 +200,7 @@ class Recording(Shown):
 
     def __len__(self) -> int:
         """Return the number of samples."""
-        return len(self._data.measurement)
+        return len(self.data.measurement)
 
     def headline(self) -> str:
         """Return name, length and number of samples."""
@@ -233,3 +252,115 @@ def _read_only(values: NDArray[Any]) -> NDArray[Any]:
     view = values.view()
     view.flags.writeable = False
     return view
+
+
+def correct(
+    recording: Recording | str | Path,
+    *,
+    exchange: Sequence[tuple[str, str]] = (),
+    scale: Mapping[str, float] | None = None,
+    offset: Mapping[str, float] | None = None,
+    shift: Mapping[str, float] | None = None,
+    folder: str | Path | None = None,
+) -> Recording:
+    """Return a copy of a recording with corrected readings.
+
+    Parameters
+    ----------
+    recording : Recording or path
+        The recording, which stays as it is.
+    exchange : sequence of (str, str)
+        Pairs of readings to exchange, before all else.
+    scale, offset : mapping, optional
+        Readings to multiply, then to increase [SI].
+    shift : mapping, optional
+        Readings to move to later times [s]; samples for which nothing is left are dropped.
+    folder : str or Path, optional
+        New directory to keep it in; a temporary one that is removed with the recording if not given.
+
+    Raises
+    ------
+    InputError
+        If there is no such reading, a value is not allowed, nothing is to be done, or the folder cannot be written.
+    """
+    from gyrowheel_core.files import new_directory, require_new
+    from gyrowheel_recording.mislabelled.fixes import Fix
+    from gyrowheel_recording.mislabelled.fixes import correct as write_corrected
+
+    if folder is not None:
+        require_new(Path(folder))
+    given = recording if isinstance(recording, Recording) else Recording.open(recording)
+    cure = Fix(tuple(exchange), dict(scale or {}), dict(offset or {}), dict(shift or {}))
+
+    def write(place: Path) -> None:
+        with new_directory(place) as new:
+            write_corrected(given.data, cure, new)
+
+    return Recording.written(folder, f"{given.name}-corrected", write)
+
+
+def wrong_setups(recordings: Sequence[Recording], model: Model, *, mixed: bool = False) -> list[WrongSetup]:
+    """Return the wrong setups of recordings: columns that cannot be what they are called."""
+    from gyrowheel_recording.mislabelled.find import wrong_setups as find
+
+    return find([recording.data for recording in recordings], model.reference_bench, mixed=mixed)
+
+
+@contextlib.contextmanager
+def explained_by(wrong: Sequence[WrongSetup]) -> Iterator[None]:
+    """Report a wrong setup instead of an error that it causes."""
+    try:
+        yield
+    except InputError as error:
+        if not wrong:
+            raise
+        from gyrowheel.show.sentences.setup import setup_line
+
+        raise InputError(setup_line(wrong)) from error
+
+
+def note_machine(recording: Recording, options: Sequence[str]) -> None:
+    """Write a note next to a recording: the options of the command line that define its simulated machine.
+
+    It is a file of the machine's name in the folder ``.machines``; of a hidden machine it has the name of the key
+    file. No analysis reads it: it is for the command to type next, so that the next test runs on the same machine.
+    """
+    place = _place(recording) if options else None
+    if place is not None:
+        place.parent.mkdir(exist_ok=True)
+        write_text(place, shlex.join(options) + "\n")
+
+
+def noted_machine(recordings: Sequence[Recording]) -> str:
+    """Return the options of the machine of some recordings from their notes; empty without a note."""
+    for recording in recordings:
+        place = _place(recording)
+        try:
+            note = "" if place is None else place.read_text(encoding="utf-8")[:_LONGEST].strip()
+            if note and note.isprintable():
+                return shlex.join(shlex.split(note))  # whatever stands there is words, and no other command
+        except (OSError, ValueError):
+            continue
+    return ""
+
+
+def machine_options(
+    *,
+    effect: Sequence[str] | None = None,
+    truth: Path | None = None,
+    blind: Path | None = None,
+    machine: int | None = None,
+    seed: int = 0,
+    bench: str | None = None,
+) -> list[str]:
+    """Return the options of the command line for a machine, as the user gave them."""
+    words = [word for item in effect or () for word in ("--effect", item)]
+    for name, value in (("truth", truth), ("blind", blind), ("machine", machine), ("bench", bench)):
+        words += [] if value is None else [f"--{name}", str(value)]
+    return [*words, "--seed", str(seed)] if seed else words
+
+
+def _place(recording: Recording) -> Path | None:
+    """Return the file of the note; None for a recording without the name of a machine."""
+    name = recording.data.machine
+    return recording.path.absolute().parent / FOLDER / name if name.isalnum() else None

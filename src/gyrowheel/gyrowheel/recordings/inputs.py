@@ -23,32 +23,16 @@ Fraction: TypeAlias = Callable[[float], None]
 
 
 def opened(given: Recordings) -> list[Recording]:
-    """Return recordings, those given as paths opened.
-
-    Raises
-    ------
-    InputError
-        If one is missing, damaged or given twice.
-    """
+    """Return recordings, those given as paths opened; InputError if one is missing, damaged or given twice."""
     items = _items(given)
     _refuse_twice(items)
     return [item if isinstance(item, Recording) else Recording.open(Path(item)) for item in items]
 
 
 def require_one_machine(recordings: Sequence[Data], *, mixed: bool = False) -> None:
-    """Refuse recordings that state different machines, unless asked for; those that state none pass.
+    """Refuse recordings that state different machines, unless a mix is asked for; those that state no machine pass.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        Recordings that are to be joined.
-    mixed : bool
-        Whether recordings of different machines are wanted.
-
-    Raises
-    ------
-    InputError
-        Naming two recordings and their machines.
+    The InputError names two recordings and their machines.
     """
     named = [recording for recording in recordings if recording.machine]
     for recording in named[1:] if not mixed else ():
@@ -57,6 +41,13 @@ def require_one_machine(recordings: Sequence[Data], *, mixed: bool = False) -> N
                 f"{recording.path}: is of machine {recording.machine}, {named[0].path} of machine "
                 f"{named[0].machine}; allowed: recordings of one machine, unless a mix is asked for (--mixed)"
             )
+
+
+def of_one_machine(given: Recordings, *, mixed: bool) -> list[Recording]:
+    """Return recordings as `opened` does, of one machine unless a mix is asked for."""
+    recordings = opened(given)
+    require_one_machine(data(recordings), mixed=mixed)
+    return recordings
 
 
 def opened_apart(fitted: Recordings, unused: Recordings) -> tuple[list[Recording], list[Recording]]:

@@ -7,9 +7,8 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.padding import Padding
 
-from gyrowheel.show.layout import Unbroken, figures_table, heading, sentences, words_table
+from gyrowheel.show.layout import Unbroken, figures_table, heading, indented, sentences, words_table
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_recording.bags.publishers import surplus
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from gyrowheel_recording.bags.reader import Integrity
     from gyrowheel_recording.bags.salvage import Loss, Salvaged
 
-_INDENT = (0, 0, 0, 2)
 _MOST_GAPS = 5
 _MOST_LOSSES = 8
 
@@ -50,7 +48,7 @@ def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
         facts.add_row("  tilts", f"{', '.join(f'{tilt:g}' for tilt in tilts)} deg")
     if found.rigs:
         facts.add_row("rig", ", ".join(found.rigs))
-    yield Padding(facts, _INDENT)
+    yield indented(facts)
     yield from _topics(found.topics)
 
 
@@ -105,7 +103,7 @@ def _topics(counts: Mapping[str, int]) -> Iterator[RenderableType]:
     table = figures_table("topic", "count")
     for name, count in counts.items():
         table.add_row(name, str(count))
-    yield Padding(table, _INDENT)
+    yield indented(table)
 
 
 def _publisher(found: Publisher) -> str:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import Picture, finished
-from gyrowheel.show.panels import PANELS
-from gyrowheel.show.style import BLUE, FAINT, SOFT, VERMILION, style
+from gyrowheel.show.figure import BLUE, FAINT, PANELS, SOFT, VERMILION, Picture, drawn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,19 +20,13 @@ _MOST_POINTS = 4000  # of a line; more do not show
 _LINES = (BLUE, VERMILION)
 
 
+@drawn(10.0)
 def recording_figure(recording: Recording, questions: Sequence[str] = ()) -> Figure:
     """Return a figure of tilt, spin rate, voltages and motor current over time.
 
-    A reading that was never taken has no line; the `questions` that are asked of a table stand above.
-
-    A sample in a hundred or so is drawn of a long recording, and with it the range of those between: nothing that
-    sticks out is lost.
+    A reading that was never taken has no line; the questions about an imported table are in the title. Of a long
+    recording the smallest and the largest value of each interval are drawn, so that no spike is lost.
     """
-    with style(10.0):
-        return finished(_draw(recording, questions))
-
-
-def _draw(recording: Recording, questions: Sequence[str]) -> Figure:
     figure = Picture(11.0, 8.0, layout="constrained")
     panels = figure.subplots(len(PANELS), 1, sharex=True)
     for axes, (title, unit, fields) in zip(panels, PANELS, strict=True):
@@ -59,7 +51,7 @@ def _draw(recording: Recording, questions: Sequence[str]) -> Figure:
 
 
 def envelope(time: NDArray[np.float64], values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a line of at most so many points that has smallest and largest value of every stretch."""
+    """Return a line of a limited number of points, with the smallest and the largest value of every interval."""
     if len(values) <= _MOST_POINTS:
         return time, values
     starts = np.arange(0, len(values), -(-2 * len(values) // _MOST_POINTS))

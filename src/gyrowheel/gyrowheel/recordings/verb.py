@@ -6,28 +6,13 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from gyrowheel.cli.console import advancing, out, put, put_content, put_json, working
-from gyrowheel.cli.options import Json, RecordingMade, example
+from gyrowheel.cli.console import advancing, put, put_content, working
+from gyrowheel.cli.options import Json, RecordingMade, argument, option
 from gyrowheel_core.errors import InputError
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command(epilog=example("gyrowheel info runs/monday"))(info)
-    app.command(epilog=example("gyrowheel salvage runs/monday -o runs/monday_saved"))(salvage)
-
-
-def register_correct(app: typer.Typer) -> None:
-    """Add the verb that corrects a recording."""
-    app.command(epilog=example("gyrowheel correct runs/monday -o runs/right --exchange tilt_x:tilt_y"))(
-        correct
-    )
-
-
 def info(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
+    directory: Annotated[Path, argument("DIR", "Recording.")],
     json: Json = None,
 ) -> None:
     """Show what a recording contains, and whether samples are missing."""
@@ -39,16 +24,11 @@ def info(
 
 def salvage(
     source: Annotated[
-        Path,
-        typer.Argument(
-            metavar="PATH",
-            help="Damaged recording, directory or .mcap file; it is not changed.",
-            show_default=False,
-        ),
+        Path, argument("PATH", "Damaged recording, directory or .mcap file; it is not changed.")
     ],
     target: RecordingMade,
     every_file: Annotated[
-        bool, typer.Option("--every-file", help="Take files too that metadata.yaml does not name.")
+        bool, option("--every-file", "Take files too that metadata.yaml does not name.")
     ] = False,
     json: Json = None,
 ) -> None:
@@ -64,39 +44,19 @@ def salvage(
 
 
 def correct(
-    directory: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Recording; it is not changed.", show_default=False)
-    ],
+    directory: Annotated[Path, argument("DIR", "Recording; it is not changed.")],
     output: RecordingMade,
     exchange: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--exchange", metavar="A:B", help="Exchange two readings. Repeatable.", show_default=False
-        ),
+        list[str] | None, option("--exchange A:B", "Exchange two readings. Repeatable.")
     ] = None,
     scale: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--scale",
-            metavar="NAME=FACTOR",
-            help="Multiply a reading: -1 turns its sign. Repeatable.",
-            show_default=False,
-        ),
+        list[str] | None, option("--scale NAME=FACTOR", "Multiply a reading: -1 turns its sign. Repeatable.")
     ] = None,
     offset: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--offset", metavar="NAME=VALUE", help="Increase a reading [SI]. Repeatable.", show_default=False
-        ),
+        list[str] | None, option("--offset NAME=VALUE", "Increase a reading [SI]. Repeatable.")
     ] = None,
     shift: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--shift",
-            metavar="NAME=SECONDS",
-            help="Move a reading to later times. Repeatable.",
-            show_default=False,
-        ),
+        list[str] | None, option("--shift NAME=SECONDS", "Move a reading to later times. Repeatable.")
     ] = None,
     json: Json = None,
 ) -> None:
@@ -105,6 +65,7 @@ def correct(
     diagnose prints the command where it finds a setup that cannot be right.
     """
     import gyrowheel as gw
+    from gyrowheel.show.layout import Unbroken
 
     with working(f"correcting {directory}"):
         made = gw.correct(
@@ -115,13 +76,11 @@ def correct(
             shift=_values(shift, "--shift"),
             folder=output,
         )
-    if json is not None:
-        put_json(
-            json, {"schema": 1, "source": str(directory), "recording": str(output), "samples": len(made)}
-        )
-    if json != "-":
-        out().print(f"{len(made)} samples")
-        out().print(f"recording: {output}", soft_wrap=True)
+    put_content(
+        json,
+        {"schema": 1, "source": str(directory), "recording": str(output), "samples": len(made)},
+        [f"{len(made)} samples", Unbroken(f"recording: {output}")],
+    )
 
 
 def _pair(text: str) -> tuple[str, str]:

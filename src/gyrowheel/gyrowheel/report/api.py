@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import re
+import shutil
+import subprocess
+import tempfile
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,12 +15,12 @@ from typing import TYPE_CHECKING
 
 from gyrowheel.comparison.api import compare
 from gyrowheel.diagnosis.api import diagnose
-from gyrowheel.diagnosis.next_command import diagnosing, following
+from gyrowheel.diagnosis.page import diagnosing, following
+from gyrowheel.recordings.api import noted_machine
 from gyrowheel.recordings.inputs import Recordings, Say, opened_apart
-from gyrowheel.recordings.provenance import noted_machine
 from gyrowheel.report.content import ReportContent
 from gyrowheel.report.page import html_page, markdown_page
-from gyrowheel.report.printing import pdf
+from gyrowheel.show.html import REPORT_TITLE
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import write_bytes, write_text
 
@@ -28,6 +33,8 @@ if TYPE_CHECKING:
 
 #: Formats of reports, and the endings of their files.
 FORMATS = {"html": ".html", "md": ".md", "pdf": ".pdf"}
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
+_PATIENCE = 300.0  # s
 
 
 class Report(ReportContent):
@@ -175,3 +182,43 @@ class Report(ReportContent):
     def __repr__(self) -> str:
         """Return the result in a sentence."""
         return f"<Report: {self.title}>"
+
+
+def browser() -> str | None:
+    """Return the path of Chromium; None if it is not installed."""
+    return next((found for found in map(shutil.which, _BROWSERS) if found), None)
+
+
+def pdf(page: str) -> bytes:
+    """Return a self-contained page as PDF, printed without network by an installed Chromium."""
+    program = browser()
+    if program is None:
+        raise InputError(
+            "PDF: needs Chromium, which is not installed; write .html, which every browser prints"
+        )
+    titled = re.sub(r"<title>.*?</title>", f"<title>{REPORT_TITLE}</title>", page, count=1, flags=re.DOTALL)
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-") as scratch:
+        place = Path(scratch)
+        (place / "report.html").write_text(titled, encoding="utf-8")
+        command = [
+            program,
+            "--headless",
+            "--disable-gpu",
+            "--proxy-server=127.0.0.1:9",  # no request of the page is answered
+            f"--user-data-dir={place / 'profile'}",
+            "--no-pdf-header-footer",
+            f"--print-to-pdf={place / 'report.pdf'}",
+            (place / "report.html").as_uri(),
+        ]
+        if os.geteuid() == 0:
+            # without it Chromium refuses to run as root; the page runs no script but ours
+            command.insert(1, "--no-sandbox")
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise InputError(f"PDF: {program} does not print: {error}") from None
+        printed = place / "report.pdf"
+        if not printed.is_file():
+            last = done.stderr.strip().rpartition("\n")[2][:200]
+            raise InputError(f"PDF: {program} ended with {done.returncode} and printed nothing: {last}")
+        return printed.read_bytes()

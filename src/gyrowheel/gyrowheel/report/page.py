@@ -1,20 +1,84 @@
-"""The page of a report: the template filled with its sections, or Markdown."""
+"""The page of a report: the template filled with sections and pictures, or Markdown."""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import io
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from markupsafe import Markup
 
+from gyrowheel.recordings.picture import envelope
 from gyrowheel.report import sections
-from gyrowheel.report.pictures import POLICY, SCRIPT, Picture, chart, picture
-from gyrowheel.show.cells import Cells
-from gyrowheel.show.html import REPORT_MARKS, embedded, environment, style_sheet
+from gyrowheel.show.figure import PANELS, png_bytes
+from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet, template_text
 from gyrowheel.show.layout import plain_text
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
     from gyrowheel.report.content import ReportContent
+    from gyrowheel_recording.bags import Recording
+
+#: Script of the charts. The page allows this script only, by its hash.
+SCRIPT: Final = template_text("gyrowheel.report", "chart.js") or ""
+#: Policy of a report: its own content and that script only; no requests.
+POLICY: Final = (
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+    f"script-src 'sha256-{base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()}'"
+)
+_LARGEST = 600_000  # largest vector picture [bytes]; a larger one is stored as PNG
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture in a page."""
+
+    source: str  # data URL
+    title: str  # alternative text
+
+
+def picture(draw: Callable[[], Figure], title: str) -> Picture:
+    """Return the drawing of a function as a picture of a page."""
+    import matplotlib as mpl
+
+    figure = draw()
+    stream = io.BytesIO()
+    with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "gyrowheel"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    kind, content = "svg+xml", stream.getvalue()
+    if len(content) > _LARGEST:
+        kind, content = "png", png_bytes(figure)
+    return Picture(f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}", title)
+
+
+def chart(recording: Recording) -> dict[str, Any]:
+    """Return the signals of a recording for the script: every sample, or minimum and maximum of each interval.
+
+    ``time`` [s] and the lines of the panels, in their units, are float32 in base64; ``pairs`` tells whether two
+    successive points are the extremes of one interval.
+    """
+    panels: list[dict[str, Any]] = []
+    times: NDArray[Any] = recording.time
+    for title, unit, fields in PANELS:
+        lines = []
+        for name, label in fields.items():
+            times, values = envelope(recording.time, recording.measurement[name] / unit)
+            if np.isfinite(values).any():
+                lines.append({"label": label if len(fields) > 1 else "", "values": _base64(values)})
+        panels.append({"title": title, "lines": lines})
+    return {"time": _base64(times), "pairs": len(times) < len(recording.time), "panels": panels}
+
+
+def _base64(values: NDArray[Any]) -> str:
+    return base64.b64encode(np.asarray(values, "<f4").tobytes()).decode("ascii")
+
 
 _OWN = "gyrowheel.report"
 _WIDTH = 100  # characters of a line in Markdown

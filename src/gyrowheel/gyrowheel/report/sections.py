@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.recordings.page import integrity_text
-from gyrowheel.show.cells import Cells, declared, label
 from gyrowheel.show.error_table import unit_of
-from gyrowheel.show.mathml import typeset
-from gyrowheel.show.quantities import is_pure
+from gyrowheel.show.formulas import is_pure, typeset
+from gyrowheel.show.html import Cells, declared, label
 from gyrowheel.show.sentences.diagnosis import physics, purpose, simple_sentence, tie_sentence, title
-from gyrowheel.show.sentences.events import tie_of_event
-from gyrowheel.show.sentences.instruments import untold_sentences
+from gyrowheel.show.sentences.findings import tie_of_event, untold_sentences
 from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import short
@@ -51,9 +49,7 @@ def steps(done: Investigation, cells: Cells) -> list[dict[str, Any]]:
             ),
             "verdict": step.diagnosis.verdict.replace("_", " "),
             "why": cells.words(f"investigation.steps.{k}.why"),
-            "minutes": cells.number(f"investigation.steps.{k}.minutes", _PLAIN, lambda v: f"{v:.1f}")
-            if step.minutes
-            else "",
+            "minutes": cells.digits(f"investigation.steps.{k}.minutes", 1) if step.minutes else "",
             "learned": [
                 cells.words(f"investigation.steps.{k}.learned.{n}") for n in range(len(step.learned))
             ],
@@ -142,9 +138,7 @@ def instruments(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
             "title": own[0][1].title,
             "physics": own[0][1].sentence,
             "said": [cells.words(f"diagnosis.instruments.{k}.sentence") for k, _ in own],
-            "delta": cells.number(
-                f"diagnosis.instruments.{own[0][0]}.delta_chi2", _PLAIN, lambda v: f"{v:.0f}"
-            ),
+            "delta": cells.digits(f"diagnosis.instruments.{own[0][0]}.delta_chi2", 0),
             "ties": [
                 cells.shown(f"diagnosis.instruments.{own[0][0]}.ties.{n}", tie_sentence(tie), "tie")
                 for n, tie in enumerate(own[0][1].ties)
@@ -169,7 +163,7 @@ def forms(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
                 "name": form.name or "proposed form",
                 "law": cells.shown(f"{place}.formula", typeset(form.formula), "typeset"),
                 "rows": rows,
-                "delta": cells.number(f"{place}.delta_chi2", _PLAIN, lambda v: f"{v:.0f}"),
+                "delta": cells.digits(f"{place}.delta_chi2", 0),
                 "simple": cells.shown(f"{place}.simple", typeset(form.simple), "typeset")
                 if form.simple
                 else "",
@@ -205,8 +199,8 @@ def next_test(found: Diagnosis, cells: Cells) -> dict[str, Any] | None:
     return {
         "settles": found.verdict not in ("nothing_missing", "effect"),
         "plan": found.next_test.plan,
-        "minutes": cells.number("diagnosis.next_test.minutes", _PLAIN, lambda v: f"{v:.1f}"),
-        "separation": cells.number("diagnosis.next_test.expected_separation", _PLAIN, lambda v: f"{v:.0f}"),
+        "minutes": cells.digits("diagnosis.next_test.minutes", 1),
+        "separation": cells.digits("diagnosis.next_test.expected_separation", 0),
         "purpose": purpose(found.next_test),
     }
 
@@ -399,17 +393,12 @@ def recordings(given: Sequence[Recording], cells: Cells) -> Iterator[dict[str, A
             "role": cells.at(f"{place}.role"),
             "bench": info.bench or "not stated",
             "machine": info.machine or "not stated",
-            "duration": cells.number(f"{place}.info.duration", _PLAIN, lambda v: f"{v:.2f}"),
-            "samples": cells.number(f"{place}.info.integrity.samples", _PLAIN, lambda v: f"{v:.0f}"),
-            "rate": cells.number(f"{place}.info.rate", _PLAIN, lambda v: f"{v:.1f}"),
+            "duration": cells.digits(f"{place}.info.duration", 2),
+            "samples": cells.digits(f"{place}.info.integrity.samples", 0),
+            "rate": cells.digits(f"{place}.info.rate", 1),
             "complete": integrity_text(info.integrity),
-            "speeds": [
-                cells.number(f"{place}.info.spin_rate.{n}", Unit("rpm", RPM), lambda v: f"{v:.0f}")
-                for n in (0, 1)
-            ],
-            "tilts": [
-                cells.number(f"{place}.info.tilt.{n}", Unit("°", DEG), lambda v: f"{v:.2f}") for n in (0, 1)
-            ],
+            "speeds": [cells.digits(f"{place}.info.spin_rate.{n}", 0, Unit("rpm", RPM)) for n in (0, 1)],
+            "tilts": [cells.digits(f"{place}.info.tilt.{n}", 2, Unit("°", DEG)) for n in (0, 1)],
             "holds": len(info.holds),
             "rigs": ", ".join(info.rigs),
             "files": [

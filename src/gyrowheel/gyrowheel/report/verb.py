@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, out, put_json, working
-from gyrowheel.cli.options import Averages, Json, Mixed, ModelFile, Recordings, Validation, example
+from gyrowheel.cli.console import BAD_INPUT, put_content, working
+from gyrowheel.cli.options import Averages, Json, Mixed, ModelFile, Recordings, Validation, option
 from gyrowheel.cli.outputs import Output, head
 
 
@@ -24,21 +24,14 @@ def _is_report(path: Path) -> bool:
 _REPORT = Output("an earlier report of gyrowheel", _is_report, (".html", ".md", ".pdf"))
 
 
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel report runs/monday --model wheel.yaml -o monday.html"))(report)
-
-
 def report(
     directories: Recordings,
     model: ModelFile,
     output: Annotated[
         Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="The report: .html, one page with pictures; .md, words; .pdf, where Chromium is installed.",
+        option(
+            "-o --output FILE",
+            "The report: .html, one page with pictures; .md, words; .pdf, where Chromium is installed.",
         ),
         _REPORT,
     ] = Path("report.html"),
@@ -54,6 +47,7 @@ def report(
     """
     import gyrowheel as gw
     from gyrowheel.recordings.inputs import opened_apart
+    from gyrowheel.show.layout import Unbroken
 
     loaded = gw.Model.load(model)
     recordings, unused = opened_apart(directories, validate or ())
@@ -61,10 +55,6 @@ def report(
         made = gw.Report.of(recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say)
         say("drawing")
         made.save(output)
-    if json is not None:
-        put_json(json, made.to_dict())
-    if json != "-":
-        out().print(made.title)
-        out().print(f"report: {output}", soft_wrap=True)
+    put_content(json, made.to_dict(), [made.title, Unbroken(f"report: {output}")])
     if made.diagnosis.setup:
         raise typer.Exit(BAD_INPUT)

@@ -8,8 +8,12 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.show.sentences.diagnosis import evidence, several, verdict_sentence
-from gyrowheel.show.sentences.events import event_sentence, shape_sentence
-from gyrowheel.show.sentences.instruments import instrument_sentence, reading_sentence
+from gyrowheel.show.sentences.findings import (
+    event_sentence,
+    instrument_sentence,
+    reading_sentence,
+    shape_sentence,
+)
 from gyrowheel.show.sentences.proof import calibration_notes, proof_sentence
 from gyrowheel.show.sentences.residuals import dependence_sentences, region_description, region_name
 from gyrowheel.show.sentences.setup import cure_of, map_lines, problem

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import Picture, finished
-from gyrowheel.show.style import AFTER, BEFORE, FAINT, INK, NOISE, SHADE, SOFT, TICK, ZERO, style
+from gyrowheel.show.figure import AFTER, BEFORE, FAINT, INK, NOISE, SHADE, SOFT, TICK, ZERO, Picture, drawn
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.error_table import (
     ErrorRow,
@@ -39,25 +38,11 @@ _CLEAR = 1.5  # noise floors that the error of a further channel must have to be
 _GAP = 2.0  # between two recordings in one panel [s]
 
 
+@drawn(11.5, title=13.0)
 def error_figure(
     residuals: Sequence[Residuals], error: ErrorTable, *, title: str, subtitle: str = ""
 ) -> Figure:
-    """Draw the error before and after a change, 1600 by 1000 dots.
-
-    Parameters
-    ----------
-    residuals : sequence of Residuals
-        Residuals of every recording, fitted and for validation.
-    error : ErrorTable
-        The table of errors.
-    title, subtitle : str
-        The result in words, and what else to say in one line.
-    """
-    with style(11.5, title=13.0):
-        return finished(_draw(residuals, error, title, subtitle))
-
-
-def _draw(residuals: Sequence[Residuals], error: ErrorTable, title: str, subtitle: str) -> Figure:
+    """Draw the error before and after a change, 1600 by 1000 dots; the title is the result in words."""
     figure = Picture(16.0, 10.0)
     figure.text(0.045, 0.955, title, fontsize=_title_size(title), fontweight="bold", va="center")
     if subtitle:
@@ -281,7 +266,7 @@ def _legend(figure: Figure, *, changed: bool) -> None:
     handles = [
         Line2D([], [], marker="D", linestyle="", color=AFTER, markersize=6.5, label="model after"),
         Patch(color=NOISE, alpha=0.45, linewidth=0.0, label="noise, ±1σ"),
-        Line2D([], [], color=INK, linewidth=1.8, label="noise floor (its size beside the name)"),
+        Line2D([], [], color=INK, linewidth=1.8, label="noise floor (its size next to the name)"),
     ]
     if changed:
         before = Line2D([], [], marker="o", linestyle="", color=BEFORE, markersize=8, label="model before")

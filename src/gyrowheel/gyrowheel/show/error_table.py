@@ -9,8 +9,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from gyrowheel.show.layout import figures_table
-from gyrowheel.show.quantities import fixed
 from gyrowheel_analysis.channels import LISTED, TORQUES
+from gyrowheel_core.quantities import fixed
 from gyrowheel_core.units import Unit, column_unit
 
 if TYPE_CHECKING:

@@ -1,31 +1,72 @@
-"""The figure that every picture is drawn on, and how it becomes a file."""
+"""The figure that every picture is drawn on, the one style of all pictures, and how a figure becomes a file.
+
+Colours are of the palette of Okabe and Ito, which people with any colour vision distinguish. Pictures have a white
+ground, so that they look the same on light and on dark pages.
+"""
 
 from __future__ import annotations
 
+import functools
 import io
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec
 
-from gyrowheel.show.style import GROUND, TICK  # first: it sets where matplotlib keeps its settings
-
-# isort: split
-from matplotlib.figure import Figure
-
+from gyrowheel_core import cache
 from gyrowheel_core.files import new_file
+from gyrowheel_core.units import DEG, RPM
+
+P = ParamSpec("P")
+
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#009E73"
+ORANGE, SKY, PINK = "#E69F00", "#56B4E9", "#CC79A7"
+#: From dark to light: text, marks, ticks, remarks, frames, noise, lines of zero, grid, shaded stretches.
+INK, DARK, TICK, SOFT, FRAME, NOISE, ZERO, FAINT, SHADE = (
+    "#222222", "#444444", "#555555", "#777777", "#888888", "#9A9A9A", "#BBBBBB", "#E4E4E4", "#F4F4F4",
+)  # fmt: skip
+GROUND = "#FFFFFF"
+#: The model before and after a change.
+BEFORE, AFTER = VERMILION, BLUE
+
+#: Signals of a recording that are drawn: title of the panel with unit, size of the unit, columns with their labels.
+PANELS: tuple[tuple[str, float, Mapping[str, str]], ...] = (
+    ("tilt, °", DEG, {"tilt_x": "about x", "tilt_y": "about y"}),
+    ("spin rate, rpm", RPM, {"spin_rate": "spin rate"}),
+    ("coil voltage, V", 1.0, {"coil_voltage_x": "coil x", "coil_voltage_y": "coil y"}),
+    ("motor voltage, V", 1.0, {"motor_voltage": "motor"}),
+    ("motor current, A", 1.0, {"motor_current": "motor"}),
+)
+
+
+def columns() -> Iterator[tuple[str, float]]:
+    """Yield the columns of `PANELS` with the sizes of their units."""
+    for _, size, names in PANELS:
+        for name in names:
+            yield name, size
+
+
+_VARIABLE = "MPLCONFIGDIR"
+
+
+def _keep_settings() -> None:
+    """Have matplotlib use our cache where it may not write to the user's settings: else it warns and is slow."""
+    usual = cache.user_folder("config") / "matplotlib"
+    there = next((folder for folder in (usual, *usual.parents) if folder.exists()), Path("/"))
+    place = cache.folder()
+    if _VARIABLE not in os.environ and place is not None and not os.access(there, os.W_OK):
+        os.environ[_VARIABLE] = str(place / "matplotlib")
+
+
+_keep_settings()
+
+import matplotlib as mpl  # noqa: E402, its import looks for the settings
+from matplotlib.figure import Figure  # noqa: E402
 
 
 class Picture(Figure):
-    """A matplotlib figure on a white ground that a notebook shows as it is; made without pyplot.
-
-    Parameters
-    ----------
-    width, height : float
-        Size [inches].
-    dots : int
-        Dots an inch.
-    **settings
-        Further arguments of `matplotlib.figure.Figure`.
-    """
+    """A figure on a white ground, of a width and a height [inches], that a notebook shows; made without pyplot."""
 
     def __init__(self, width: float, height: float, *, dots: int = 100, **settings: Any) -> None:
         super().__init__(figsize=(width, height), dpi=dots, facecolor=GROUND, **settings)
@@ -34,10 +75,55 @@ class Picture(Figure):
         return png_bytes(self)
 
 
+def style(
+    size: float = 11.0, *, title: float | None = None, framed: bool = False
+) -> AbstractContextManager[None]:
+    """Return a context in which matplotlib draws in the style of the project; outside nothing is changed.
+
+    `size` is that of the letters [points], `title` that of the titles of panels, one more if not given. With `framed`
+    panels have a frame all round, not at the left and below alone.
+    """
+    settings: Any = {  # typed by matplotlib key by key
+        "font.family": "sans-serif",
+        "font.size": size,
+        "axes.edgecolor": FRAME,
+        "axes.labelcolor": INK,
+        "axes.linewidth": 0.8,
+        "axes.spines.top": framed,
+        "axes.spines.right": framed,
+        "text.color": INK,
+        "xtick.color": TICK,
+        "ytick.color": TICK,
+        "axes.titlesize": size + 1.0 if title is None else title,
+        "axes.titleweight": "bold",
+        "axes.titlelocation": "left",
+        "legend.frameon": False,
+        "svg.fonttype": "none",  # text stays text: smaller files, the same on every machine
+        "svg.hashsalt": "gyrowheel",
+    }
+    return mpl.rc_context(settings)
+
+
 def finished(figure: Figure) -> Figure:
     """Return a figure with everything made that matplotlib makes at the first drawing, in the style in force now."""
     figure.draw_without_rendering()
     return figure
+
+
+def drawn(
+    size: float = 11.0, *, title: float | None = None, framed: bool = False
+) -> Callable[[Callable[P, Figure]], Callable[P, Figure]]:
+    """Return a decorator of functions that draw a figure: they draw and finish it in `style`."""
+
+    def decorate(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+        @functools.wraps(draw)
+        def in_style(*args: P.args, **named: P.kwargs) -> Figure:
+            with style(size, title=title, framed=framed):
+                return finished(draw(*args, **named))
+
+        return in_style
+
+    return decorate
 
 
 def png_bytes(figure: Figure, description: str = "") -> bytes:
@@ -49,13 +135,7 @@ def png_bytes(figure: Figure, description: str = "") -> bytes:
 
 
 def write_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, folders and all; the file is whole or as it was before.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write a figure as PNG with its folders, atomically; InputError if the file cannot be written."""
     content = png_bytes(figure)
     with new_file(Path(path)) as place:
         place.write_bytes(content)
@@ -66,3 +146,12 @@ def headline(figure: Figure, title: str, text: str) -> None:
     height = figure.get_figheight()
     figure.text(0.012, 1.0 - 0.32 / height, title, fontsize=15, fontweight="bold", va="center")
     figure.text(0.012, 1.0 - 0.64 / height, text, fontsize=10, color=TICK, va="center")
+
+
+def shared_legend(figure: Figure, axes: Any, **settings: Any) -> None:
+    """Add a legend with the entries of some panels, each label once."""
+    found: dict[str, Any] = {}
+    for panel in axes:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    figure.legend(found.values(), found.keys(), **settings)

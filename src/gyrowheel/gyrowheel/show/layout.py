@@ -35,15 +35,7 @@ def figures_table(first: str, *columns: str) -> Table:
 
 
 def words_table(*columns: str, whole: Iterable[int] = ()) -> Table:
-    """Return an empty table of words; without titles it has no head.
-
-    Parameters
-    ----------
-    *columns : str
-        Titles.
-    whole : iterable of int
-        Columns that stay in the line of their row: numbers with their units.
-    """
+    """Return an empty table of words, without titles without head; columns in `whole` stay in the line of their row."""
     table = UncutTable(
         box=box.SIMPLE_HEAD if any(columns) else None,
         pad_edge=False,
@@ -58,13 +50,18 @@ def words_table(*columns: str, whole: Iterable[int] = ()) -> Table:
     return table
 
 
+def indented(part: RenderableType) -> Padding:
+    """Return a part of a page with its margin."""
+    return Padding(part, _MARGIN)
+
+
 def sentences(texts: Iterable[str]) -> list[Padding]:
     """Return sentences as a list with dots; a long one goes on under its own beginning."""
     rows = []
     for text in texts:
         row = Table.grid(padding=(0, 1, 0, 0))
         row.add_row("•", Text(text))
-        rows.append(Padding(row, _MARGIN))
+        rows.append(indented(row))
     return rows
 
 
@@ -107,7 +104,7 @@ def plain_text(parts: Iterable[RenderableType], width: int = 80) -> str:
 
 
 def terminal_width() -> int:
-    """Return the width of a page on this terminal [characters]; 80 where there is none."""
+    """Return the width of a page on this terminal [characters]; 80 without a terminal."""
     return readable(shutil.get_terminal_size((80, 24)).columns)
 
 
@@ -117,12 +114,12 @@ def readable(width: int) -> int:
 
 
 class UncutTable(Table):
-    """Table that never cuts a word or a number and breaks no cell over several lines, however narrow the terminal.
+    """Table that cuts no word or number and breaks no cell over several lines, however narrow the terminal.
 
-    Where the rows are too long, cells of words (columns without `no_wrap`) stand in lines of their own: below their
-    row, the first one above it. A column most of whose cells have no room moves as a whole. Where the numbers alone are
-    too many, the rest of the columns follows in a second table, with the first column again; where not even two columns
-    fit side by side, every cell has its own line. Only a text that is longer than a line goes on in the next one.
+    Where the rows are too long, cells of words (columns without `no_wrap`) move to separate lines below their row,
+    those of the first column above it. A column most of whose cells do not fit moves as a whole. Where the numbers
+    alone do not fit, the remaining columns follow in a second table, with the first column repeated; where not even
+    two columns fit side by side, every cell has its own line. Only a text that is longer than a line is wrapped.
     """
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:

@@ -28,18 +28,7 @@ _CELL = "padding:0.15em 0.7em;vertical-align:top;background:transparent"
 
 
 def html(parts: Iterable[RenderableType]) -> str:
-    """Return parts of a page as one block of HTML.
-
-    Parameters
-    ----------
-    parts : iterable of renderable
-        Texts, tables, panels, groups and padded parts of these.
-
-    Raises
-    ------
-    TypeError
-        If a part is of another kind.
-    """
+    """Return texts, tables, panels, groups and padded parts as one block of HTML; TypeError for any other part."""
     body = "".join(_block(part) for part in parts)
     return f'<div class="gyrowheel" style="{_PAGE}">{body}</div>'
 

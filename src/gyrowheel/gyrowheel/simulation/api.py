@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -56,7 +55,7 @@ def simulate(
         Shipped name (`gyrowheel.plans`), plan file, text of one, or plan.
     effects : mapping or sequence, optional
         Effects that the machine has: ``{"windage": {"w": 0.0013}}``, coefficients in SI units, those not given of their
-        usual size; or names, ``NAME:COEF=VALUE,...`` and effects of one's own (`gyrowheel.own_effect`).
+        usual size; or names, ``NAME:COEF=VALUE,...`` and user-defined effects (`gyrowheel.own_effect`).
     truth : Model, optional
         A model whose effects and estimated parameters the machine has, in addition to `effects`.
     model : Model, optional
@@ -96,13 +95,11 @@ def simulate(
         seed=seed,
         machine=machine,
     )
-    if folder is not None:
-        record_simulation(Path(folder), loaded, hidden, chosen, model=belief, progress=progress)
-        return Recording.made(Path(folder))
-    scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
-    place = Path(scratch.name) / chosen.name
-    record_simulation(place, loaded, hidden, chosen, model=belief, progress=progress)
-    return Recording.made(place, scratch)
+    return Recording.written(
+        folder,
+        chosen.name,
+        lambda place: record_simulation(place, loaded, hidden, chosen, model=belief, progress=progress),
+    )
 
 
 def record_simulation(
@@ -114,27 +111,11 @@ def record_simulation(
     model: Model | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Run a plan on a simulated machine and write the recording; it appears whole or not at all.
+    """Run a plan on a simulated machine and write the recording; it appears complete or not at all.
 
-    Parameters
-    ----------
-    directory : Path
-        To create; must not exist, or be empty.
-    bench : Bench
-        The bench as its file describes it.
-    scenario : Scenario
-        What the machine really is; nothing of it goes into the recording but its behaviour.
-    plan : Plan
-        The test plan.
-    model : Model, optional
-        The believed model, with which drag estimates are made; by default the bench without effects.
-    progress : callable, optional
-        Called now and then with the fraction done.
-
-    Raises
-    ------
-    InputError
-        If the plan is beyond the limits of the bench or too long for the memory, or the directory cannot be written.
+    Only the behaviour of the machine goes into the recording. Drag estimates are made with the believed `model`, by
+    default the bench without effects. InputError if the plan exceeds the limits of the bench or the memory, or the
+    directory is not new.
     """
     _require_memory(plan, bench)
     machine = scenario.identity(bench)

@@ -25,15 +25,7 @@ AIR = "aero"
 
 
 def noise_seed(seed: int, plan: str) -> int:
-    """Return the noise seed of a run, which differs for every seed and every plan.
-
-    Parameters
-    ----------
-    seed : int
-        Seed that the user gave; not negative.
-    plan : str
-        Name of the plan, so that two plans run with one seed do not share their noise.
-    """
+    """Return the noise seed of a run, which differs for every seed (not negative) and every name of a plan."""
     if seed < 0:
         raise InputError(f"seed: {seed} is out of range; allowed: >= 0")
     sequence = np.random.SeedSequence([seed, zlib.crc32(plan.encode())])
@@ -109,17 +101,8 @@ def scenario(
 def simulated_bench(bench: str | Path | None, truth: Model | None, belief: Model | None) -> tuple[str, Bench]:
     """Return name or path of the bench of a run, and the bench as its file describes it.
 
-    Parameters
-    ----------
-    bench : str or Path, optional
-        Its name or file; if not given, the bench of `truth`, else that of `belief`, else ``gyrowheel``.
-    truth, belief : Model, optional
-        Model of the simulated machine, and the one that the analyst believes.
-
-    Raises
-    ------
-    InputError
-        If there is no such bench, or it is not that of both models.
+    Without a name it is the bench of `truth`, else that of `belief`, else ``gyrowheel``. InputError for an unknown
+    bench, or if it is not that of both models.
     """
     given = [model for model in (truth, belief) if model is not None]
     if bench is not None or not given:
@@ -127,8 +110,8 @@ def simulated_bench(bench: str | Path | None, truth: Model | None, belief: Model
         loaded = Bench.load(source)
     else:
         source, loaded = given[0].bench_source, given[0].stated_bench
-        beside = Path(given[0].origin).parent / source
-        source = str(beside) if beside.is_file() else source
+        file = Path(given[0].origin).parent / source
+        source = str(file) if file.is_file() else source
     for model in given:
         if model.stated_bench.parameters == loaded.parameters:
             continue

@@ -6,9 +6,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
-from gyrowheel.cli.console import advancing, notes, out, put_json
+from gyrowheel.cli.console import advancing, notes, put_content
 from gyrowheel.cli.options import (
     Belief,
     BenchOfRun,
@@ -20,19 +18,11 @@ from gyrowheel.cli.options import (
     RecordingMade,
     Seed,
     Truth,
-    example,
 )
 
 if TYPE_CHECKING:
     from gyrowheel import Model
     from gyrowheel.catalogue.api import Plan
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel simulate --plan quick -o runs/monday --effect windage:w=0.001"))(
-        simulate
-    )
 
 
 def simulate(
@@ -48,7 +38,8 @@ def simulate(
     json: Json = None,
 ) -> None:
     """Simulate a test plan without ROS, into the same recording that `up` would make."""
-    from gyrowheel.recordings.provenance import machine_options, note_machine
+    from gyrowheel.recordings.api import machine_options, note_machine
+    from gyrowheel.show.layout import Unbroken
     from gyrowheel.simulation.api import simulate as run
 
     machine_model, belief = model_of(truth), model_of(model)
@@ -73,13 +64,9 @@ def simulate(
         made,
         machine_options(effect=effect, truth=truth, blind=blind, machine=machine, seed=seed, bench=bench),
     )
-    if json is not None:
-        put_json(json, run_json(chosen.name, str(output), chosen.duration, wall))
-    if json != "-":
-        out().print(
-            f"{chosen.duration:.1f} s simulated in {wall:.1f} s, {chosen.duration / wall:.0f} times real time"
-        )
-        out().print(f"recording: {output}", soft_wrap=True)
+    pace = f"{chosen.duration:.1f} s simulated in {wall:.1f} s, {chosen.duration / wall:.0f} times real time"
+    content = run_json(chosen.name, str(output), chosen.duration, wall)
+    put_content(json, content, [pace, Unbroken(f"recording: {output}")])
 
 
 def plan_on_bench(plan: str, bench: str | None, truth: Model | None, belief: Model | None) -> Plan:

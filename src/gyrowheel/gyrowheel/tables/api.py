@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -184,13 +183,7 @@ def read_table(
                 f"{given.suggestion.table}: {len(given.questions)} questions about its columns: {asked} Answer by "
                 "a map: `gyrowheel import --suggest` writes one to correct, gw.suggest_map returns one"
             )
-    if folder is not None:
-        import_table(table, given, folder)
-        return Recording.made(Path(folder))
-    scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
-    place = Path(scratch.name) / _name(table)
-    import_table(table, given, place)
-    return Recording.made(place, scratch)
+    return Recording.written(folder, _name(table), lambda place: import_table(table, given, place))
 
 
 def read_bag(
@@ -280,29 +273,14 @@ def _file(table: Any) -> str:
 
 @dataclass(frozen=True)
 class Imported:
-    """Outcome of an import.
+    """Outcome of an import."""
 
-    Attributes
-    ----------
-    bench : str
-        Name of the bench.
-    samples : int
-        Number of samples.
-    seconds : float
-        Time from the first to the last [s].
-    rate : float
-        Samples in a second.
-    remarks : tuple of str
-        Conversions and missing readings.
-    questions : tuple of str
-        Contradictions of the map to the laws of the wheel, each with its fix; empty unless asked for.
-    """
-
-    bench: str
+    bench: str  # its name
     samples: int
-    seconds: float
-    rate: float
-    remarks: tuple[str, ...]
+    seconds: float  # time from the first to the last sample
+    rate: float  # samples in a second
+    remarks: tuple[str, ...]  # conversions and missing readings
+    #: Contradictions of the map to the laws of the wheel, each with its fix; empty unless asked for.
     questions: tuple[str, ...] = ()
 
 

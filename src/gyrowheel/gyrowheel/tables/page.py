@@ -7,16 +7,13 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
-from gyrowheel.show.layout import heading, sentences, words_table
+from gyrowheel.show.layout import heading, indented, sentences, words_table
 from gyrowheel_core.quantities import short
 
 if TYPE_CHECKING:
     from gyrowheel_recording.mapping.suggestion.result import Suggestion
-
-_INDENT = (0, 0, 0, 2)
 
 
 def suggestion_page(
@@ -30,9 +27,9 @@ def suggestion_page(
         scale = "" if own.scale == 1.0 else f" × {short(own.scale)}"
         why = own.reason.partition("; ")[2] or own.reason
         table.add_row(own.field, own.column, f"{seen}{scale} {own.unit}; {why}".strip())
-    yield Padding(table, _INDENT)
+    yield indented(table)
     if d.unused:
-        yield Padding(Text(f"not used: {', '.join(d.unused)}", style="dim"), _INDENT)
+        yield indented(Text(f"not used: {', '.join(d.unused)}", style="dim"))
     if questions:
         yield heading("Questions to answer before a diagnosis")
         yield from sentences(questions)

@@ -2,69 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from gyrowheel.cli.console import advancing, out, put, put_json, put_picture, put_text, working
-from gyrowheel.cli.options import Json, example
+from gyrowheel.cli.console import advancing, out, put, put_content, put_picture, put_text, working
+from gyrowheel.cli.options import Json, argument, option
 from gyrowheel.cli.outputs import COLUMN_MAP, PICTURE, TABLE, NewRecording
 from gyrowheel_core.errors import InputError
 
-
-def register(app: typer.Typer) -> None:
-    """Add the verbs."""
-    app.command("import", epilog=example("gyrowheel import test.csv --map test.map.yaml -o runs/test"))(
-        import_
-    )
-    app.command(epilog=example("gyrowheel export runs/monday -o monday.parquet"))(export)
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 
 def import_(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="FILE...",
-            help="Text (CSV), Parquet, MATLAB, HDF5, TDMS, MDF, or a bag; of several loggers one each.",
-            show_default=False,
+        argument(
+            "FILE...", "Text (CSV), Parquet, MATLAB, HDF5, TDMS, MDF, or a bag; of several loggers one each."
         ),
     ],
-    column_map: Annotated[
-        Path | None,
-        typer.Option(
-            "--map", metavar="MAP.yaml", help="Meaning and units of the columns.", show_default=False
-        ),
-    ] = None,
+    column_map: Annotated[Path | None, option("--map MAP.yaml", "Meaning and units of the columns.")] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR|MAP.yaml",
-            help="New directory for the recording; with --suggest, the map to write.",
-            show_default=False,
+        option(
+            "-o --output DIR|MAP.yaml", "New directory for the recording; with --suggest, the map to write."
         ),
         NewRecording(),
     ] = None,
-    suggest: Annotated[
-        bool, typer.Option("--suggest", help="Propose a map for the table, with reasons.")
-    ] = False,
+    suggest: Annotated[bool, option("--suggest", "Propose a map for the table, with reasons.")] = False,
     picture: Annotated[
-        Path | None,
-        typer.Option(
-            "--picture",
-            metavar="FILE.png",
-            help="Draw the signals as the map reads them.",
-            show_default=False,
-        ),
-        PICTURE,
+        Path | None, option("--picture FILE.png", "Draw the signals as the map reads them."), PICTURE
     ] = None,
     bench: Annotated[
-        str,
-        typer.Option(
-            "--bench", metavar="NAME|FILE", help="With --suggest: bench that the table was measured on."
-        ),
+        str, option("--bench NAME|FILE", "With --suggest: bench that the table was measured on.")
     ] = "gyrowheel",
     json: Json = None,
 ) -> None:
@@ -86,35 +57,22 @@ def import_(
     if output is None:
         raise InputError("-o: missing; allowed: a new directory for the recording")
     from gyrowheel import Recording
-    from gyrowheel.show.layout import heading, sentences
+    from gyrowheel.show.layout import Unbroken, heading, sentences
     from gyrowheel.tables.api import import_table
 
     table = files if len(files) > 1 else files[0]
     names = " and ".join(map(str, files))
     with working(f"reading {names}"):
         made = import_table(table, column_map, output, question=True)
-    if json is not None:
-        put_json(
-            json,
-            {
-                "schema": 1,
-                "table": names,
-                "recording": str(output),
-                "bench": made.bench,
-                "samples": made.samples,
-                "seconds": made.seconds,
-                "rate": made.rate,
-                "remarks": list(made.remarks),
-                "questions": list(made.questions),
-            },
-        )
-    if json != "-":
-        out().print(f"{made.samples} samples, {made.seconds:.2f} s")
-        for remark in made.remarks:
-            out().print(f"  {remark}")
-        if made.questions:
-            put_text([heading("Questions to answer before a diagnosis"), *sentences(made.questions)])
-        out().print(f"recording: {output}", soft_wrap=True)
+    content = {"schema": 1, "table": names, "recording": str(output), **asdict(made)}
+    asked = [heading("Questions to answer before a diagnosis"), *sentences(made.questions)]
+    page: list[RenderableType] = [
+        f"{made.samples} samples, {made.seconds:.2f} s",
+        *(f"  {remark}" for remark in made.remarks),
+        *(asked if made.questions else ()),
+        Unbroken(f"recording: {output}"),
+    ]
+    put_content(json, content, page)
     put_picture(picture, lambda: Recording.open(output).plot(), quiet=json == "-")
 
 
@@ -153,22 +111,11 @@ def _suggest(
 
 
 def export(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Recording.", show_default=False)],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", metavar="FILE", help="Table to write, .csv or .parquet.", show_default=False
-        ),
-        TABLE,
-    ],
+    directory: Annotated[Path, argument("DIR", "Recording.")],
+    output: Annotated[Path, option("-o --output FILE", "Table to write, .csv or .parquet."), TABLE],
     column_map: Annotated[
         Path | None,
-        typer.Option(
-            "--map",
-            metavar="MAP.yaml",
-            help="Also write the map with which import reads the table.",
-            show_default=False,
-        ),
+        option("--map MAP.yaml", "Also write the map with which import reads the table."),
         COLUMN_MAP,
     ] = None,
     json: Json = None,
@@ -180,6 +127,7 @@ def export(
     description of bench and rig; a CSV file has the names alone.
     """
     from gyrowheel import Recording
+    from gyrowheel.show.layout import Unbroken
     from gyrowheel.tables.api import check_suffix, write_table
 
     check_suffix(output)
@@ -187,20 +135,13 @@ def export(
         recording = Recording.open(directory)
     with advancing(f"writing {output}") as advance:
         columns = write_table(recording, output, column_map=column_map, progress=advance)
-    if json is not None:
-        put_json(
-            json,
-            {
-                "schema": 1,
-                "recording": str(directory),
-                "table": str(output),
-                "map": None if column_map is None else str(column_map),
-                "rows": len(recording),
-                "columns": columns,
-            },
-        )
-    if json != "-":
-        out().print(f"{len(recording)} rows, {len(columns)} columns")
-        out().print(f"table: {output}", soft_wrap=True)
-        if column_map is not None:
-            out().print(f"map: {column_map}", soft_wrap=True)
+    content = {
+        "schema": 1,
+        "recording": str(directory),
+        "table": str(output),
+        "map": None if column_map is None else str(column_map),
+        "rows": len(recording),
+        "columns": columns,
+    }
+    files = [Unbroken(f"table: {output}")] + ([] if column_map is None else [Unbroken(f"map: {column_map}")])
+    put_content(json, content, [f"{len(recording)} rows, {len(columns)} columns", *files])

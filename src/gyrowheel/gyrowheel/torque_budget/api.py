@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.inputs import Fraction, Recordings, data, opened, require_one_machine
+from gyrowheel.recordings.inputs import Fraction, Recordings, data, of_one_machine
 from gyrowheel.show.result import Result
 from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
 from gyrowheel_analysis.reduction.samples import Samples
@@ -176,8 +176,7 @@ def torques(
         )
     known = Model() if model is None else model
     if recordings is not None:
-        given = opened(recordings)
-        require_one_machine(data(given), mixed=mixed)
+        given = of_one_machine(recordings, mixed=mixed)
         found = [
             hold_torques(reduce(samples_of(own), known.details.reference_bench), known.details)
             for own in data(given)

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
-from gyrowheel.show.layout import figures_table, heading, sentences
+from gyrowheel.show.layout import figures_table, heading, indented, sentences
 from gyrowheel_analysis.torques import BENCH_PARTS
 from gyrowheel_core.quantities import decimal, short
 from gyrowheel_core.units import DEG, RPM
@@ -18,7 +17,6 @@ from gyrowheel_core.units import DEG, RPM
 if TYPE_CHECKING:
     from gyrowheel_analysis.torques import HoldTorques
 
-_INDENT = (0, 0, 0, 2)
 _MOST_COLUMNS = 7  # holds side by side on 80 columns
 _LEAST = 5e-7  # N m; a part below this in every hold has no line
 _MILLI = 1e3
@@ -67,7 +65,7 @@ def torques_page(d: HoldTorques) -> Iterator[RenderableType]:
         gone = [
             p.name for p in d.parts if p.effect and max(np.abs(p.coil).max(), np.abs(p.motor).max()) < _LEAST
         ]
-        without = f", and so none of the torque of {', '.join(gone)}" if gone else ""
+        without = f", hence no torque of {', '.join(gone)}" if gone else ""
         yield from sentences([f"In orbit: no air, no weight, no rate of the Earth{without}."])
         yield Text()
     for direction in (ALONG, ACROSS, MOTOR):
@@ -79,7 +77,7 @@ def torques_page(d: HoldTorques) -> Iterator[RenderableType]:
                 if title == "all":
                     table.add_section()
                 table.add_row(title, *(decimal(_MILLI * float(values[k]), 3) for k in block))
-            yield Padding(table, _INDENT)
+            yield indented(table)
             yield Text()
     yield heading("Voltages, and what is left to the limits")
     for block in blocks:
@@ -89,7 +87,7 @@ def torques_page(d: HoldTorques) -> Iterator[RenderableType]:
         table.add_row("motor, V", *_numbers(d.motor_voltage, block))
         for title, margin in (("coils", d.coil_margin), ("motor", d.motor_margin), ("tilt", d.tilt_margin)):
             table.add_row(f"left, {title}", *(f"{decimal(100.0 * float(margin[k]), 0)} %" for k in block))
-        yield Padding(table, _INDENT)
+        yield indented(table)
         yield Text()
 
 

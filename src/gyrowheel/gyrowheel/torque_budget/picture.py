@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gyrowheel.show.figure import Picture, finished
-from gyrowheel.show.style import (
+from gyrowheel.show.figure import (
     BLUE,
     DARK,
     GREEN,
@@ -19,7 +18,9 @@ from gyrowheel.show.style import (
     SOFT,
     VERMILION,
     ZERO,
-    style,
+    Picture,
+    drawn,
+    shared_legend,
 )
 from gyrowheel.torque_budget.page import ACROSS, ALONG, MOTOR, rows_of
 from gyrowheel_core.quantities import short
@@ -37,16 +38,12 @@ _MILLI = 1e3
 _LINE = ("all", "beyond the model")
 
 
+@drawn()
 def figure_of_torques(d: HoldTorques) -> Figure:
     """Draw the torques of all holds, 1500 by 600 dots: parts stacked, their sum as a line.
 
     The horizontal axis is what varies: the spin rate, else the tilt magnitude, else the number of the hold.
     """
-    with style():
-        return finished(_draw(d))
-
-
-def _draw(d: HoldTorques) -> Figure:
     figure = Picture(15.0, 6.0)
     rpm, tilt = d.spin_rate / RPM, np.abs(d.tilt) / DEG
     if len(d) > 1 and np.ptp(rpm) > 1.0 and np.ptp(tilt) < 0.05:
@@ -69,13 +66,7 @@ def _draw(d: HoldTorques) -> Figure:
         ax.set_xticks(range(len(d)), names)
         ax.set_xlabel(label)
     axes[0].set_ylabel("torque, mN·m")
-    handles: dict[str, Any] = {}
-    for ax in axes:
-        for handle, name in zip(*ax.get_legend_handles_labels(), strict=True):
-            handles.setdefault(name, handle)
-    figure.legend(
-        handles.values(), handles.keys(), loc="upper left", bbox_to_anchor=(0.855, 0.82), fontsize=10
-    )
+    shared_legend(figure, axes, loc="upper left", bbox_to_anchor=(0.855, 0.82), fontsize=10)
     return figure
 
 

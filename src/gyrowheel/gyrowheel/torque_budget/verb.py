@@ -6,56 +6,32 @@ import math
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import advancing, put
-from gyrowheel.cli.options import Json, Mixed, TorquePicture, example, numbers
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel torques --tilt 3 --speed 1000..4000"))(torques)
+from gyrowheel.cli.options import Json, Mixed, TorquePicture, argument, numbers, option
 
 
 def torques(
-    directories: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="DIR", help="Recordings with the holds to show.", show_default=False),
-    ] = None,
+    directories: Annotated[list[Path] | None, argument("DIR", "Recordings with the holds to show.")] = None,
     model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", metavar="M.yaml", help="Model file.", show_default="bench gyrowheel without effects"
-        ),
+        Path | None, option("--model M.yaml", "Model file.", "bench gyrowheel without effects")
     ] = None,
-    tilt: Annotated[
-        str, typer.Option("--tilt", metavar="DEG", help="Tilts: 3, or 1,2,3, or 0..5, or 0..5:0.5, in deg.")
-    ] = "3",
+    tilt: Annotated[str, option("--tilt DEG", "Tilts: 3, or 1,2,3, or 0..5, or 0..5:0.5, in deg.")] = "3",
     azimuth: Annotated[
-        float, typer.Option("--azimuth", metavar="DEG", help="Direction of the tilt from the x axis, in deg.")
+        float, option("--azimuth DEG", "Direction of the tilt from the x axis, in deg.")
     ] = 0.0,
     speed: Annotated[
         str | None,
-        typer.Option(
-            "--speed",
-            metavar="RPM",
-            help="Spin rates, written like tilts, in rpm.",
-            show_default="the reference of the bench",
-        ),
+        option("--speed RPM", "Spin rates, written like tilts, in rpm.", "the reference of the bench"),
     ] = None,
     density: Annotated[
         float,
-        typer.Option(
-            "--density",
-            metavar="RATIO",
-            min=0.0,
-            max=2.0,
-            help="Air density, as a multiple of the usual one; 0: vacuum.",
+        option(
+            "--density RATIO", "Air density, as a multiple of the usual one; 0: vacuum.", min=0.0, max=2.0
         ),
     ] = 1.0,
-    inverted: Annotated[bool, typer.Option("--inverted", help="Turn the rig upside down.")] = False,
+    inverted: Annotated[bool, option("--inverted", "Turn the rig upside down.")] = False,
     orbit: Annotated[
-        bool, typer.Option("--orbit", help="Holds in orbit: without air, weight and the Earth's rate.")
+        bool, option("--orbit", "Holds in orbit: without air, weight and the Earth's rate.")
     ] = False,
     mixed: Mixed = False,
     picture: TorquePicture = None,

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.api import Recording
-from gyrowheel.recordings.provenance import machine_options, note_machine, noted_machine
+from gyrowheel.recordings.api import Recording, machine_options, note_machine, noted_machine
 from gyrowheel.simulation.api import simulate
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import HOLD, Plan
@@ -49,21 +48,7 @@ def _reader() -> _Words:
 
 @dataclass(frozen=True)
 class SimulatedBench:
-    """A simulated machine, by its options on the command line.
-
-    Attributes
-    ----------
-    effect : tuple of str
-        Its effects.
-    truth, blind : Path or None
-        Model file of the truth, or key file.
-    machine : int or None
-        Seed of its parameters.
-    bench : str or None
-        Name or file of the bench.
-    seed : int
-        Seed of the noise.
-    """
+    """A simulated machine, by its options on the command line."""
 
     effect: tuple[str, ...] = ()
     truth: Path | None = None
@@ -74,13 +59,7 @@ class SimulatedBench:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording]) -> SimulatedBench | None:
-        """Return the machine noted in recordings; None without a note, as of a real machine.
-
-        Raises
-        ------
-        InputError
-            If the note cannot be read.
-        """
+        """Return the machine noted in recordings; None without a note, as of a real machine."""
         note = noted_machine(recordings)
         if not note:
             return None
@@ -90,21 +69,7 @@ class SimulatedBench:
     def record(
         self, plan: str, folder: Path, model: Model, number: int, progress: Callable[[float], None]
     ) -> Recording:
-        """Run a plan on the machine.
-
-        Parameters
-        ----------
-        plan : str
-            The plan.
-        folder : Path
-            New folder for the recording; it appears when complete.
-        model : Model
-            The model under test.
-        number : int
-            Number of the run: each has its own noise.
-        progress : callable
-            Called with the fraction done.
-        """
+        """Run a plan into a new folder; `model` is the one under test, and each `number` has its own noise."""
         made = simulate(
             plan,
             effects=self.effect,
@@ -133,30 +98,15 @@ class SimulatedBench:
 
 @dataclass(frozen=True)
 class Running:
-    """A run of the bench, as far as it was received.
+    """A run of the bench, as far as it was received."""
 
-    Attributes
-    ----------
-    start_ns : int
-        First stamp received [ns]; negative before.
-    stamp_ns : int
-        Latest stamp [ns].
-    asked : tuple of float
-        Setpoint of the plan: segment, phase, tilt about x and y [rad], spin rate [rad/s]; empty if not received.
-    holds : tuple of Estimate
-        Its settled holds, from the drag estimator of the graph.
-    silent : bool
-        Whether messages have stopped.
-    namespace : str
-        Its namespace; empty for the root.
-    """
-
-    start_ns: int
-    stamp_ns: int
+    start_ns: int  # first stamp received [ns]; negative before
+    stamp_ns: int  # latest stamp [ns]
+    #: Setpoint of the plan: segment, phase, tilt about x and y [rad], spin rate [rad/s]; empty if not received.
     asked: tuple[float, ...] = ()
-    holds: tuple[Estimate, ...] = ()
-    silent: bool = False
-    namespace: str = ""
+    holds: tuple[Estimate, ...] = ()  # its settled holds, from the drag estimator of the graph
+    silent: bool = False  # whether messages have stopped
+    namespace: str = ""  # its namespace; empty for the root
 
     @property
     def title(self) -> str:
@@ -180,16 +130,9 @@ class Running:
 
 
 class LiveBenches:
-    """Listens to the running benches in a thread, during a block. Nothing is sent to them unless a test is requested.
+    """Listens to the running benches in a thread, during a block, and calls `changed` after every message.
 
-    Without ROS it receives nothing; `missing` gives the reason.
-
-    Parameters
-    ----------
-    changed : callable
-        Called after every message.
-    domain : int, optional
-        ROS domain; by default that of the environment.
+    Nothing is sent to them unless a test is requested. Without ROS it receives nothing; `missing` gives the reason.
     """
 
     def __init__(self, changed: Callable[[], None], domain: int | None = None) -> None:
@@ -225,23 +168,8 @@ class LiveBenches:
     ) -> bool:
         """Have a running bench run a plan and record it in a new folder; return whether the plan was finished.
 
-        Parameters
-        ----------
-        key : str
-            Key of the bench.
-        plan : str
-            The plan.
-        folder : Path
-            New folder for the recording.
-        progress : callable
-            Called with the fraction done.
-        ended : callable
-            Polled: whether the bench is to stop the plan.
-
-        Raises
-        ------
-        InputError
-            If no such bench runs, it does not answer, or it refuses or aborts the plan.
+        `ended` is polled: whether the bench is to stop the plan. InputError if the bench does not run or answer, or
+        refuses or aborts the plan.
         """
         own = self.runs.get(key)
         if own is None or own.silent:

@@ -1,19 +1,94 @@
-"""The recordings of the chosen folders, and those that are open; no file outside these folders can be named."""
+"""The recordings of the chosen folders, and those that are open, with their signals ready to be drawn."""
 
 from __future__ import annotations
 
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gyrowheel.recordings.api import Recording
-from gyrowheel.show.panels import columns
-from gyrowheel.workbench.decimation import Envelope, envelopes
+from gyrowheel.show.figure import columns
+from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError, nearest
+
+_BLOCK = 256  # samples per stored pair of extremes; `by_blocks` uses a multiple of it
+_DIRECT = 2 * _BLOCK  # samples of an interval from which on the extremes of blocks are used
+
+Array = NDArray[np.float64]
+
+
+class Envelope:
+    """A signal with the extremes of its blocks, from which any part is drawn without delay; NaN is ignored."""
+
+    def __init__(self, values: Array, extremes: tuple[Array, Array] | None = None) -> None:
+        self._values = values
+        self._low, self._high = extremes or _extremes([values], len(values))[0]
+
+    def cut(self, first: int, last: int, points: int) -> tuple[Array, Array]:
+        """Return the samples from `first` to before `last` as a line of at most `points` points, 4 or more.
+
+        Positions [samples] and values, shape (m,): the samples themselves if they are few, else smallest and largest
+        value of every interval, at its beginning and its middle. Positions depend on the arguments alone.
+        """
+        first, last = max(first, 0), min(last, len(self._values))
+        count = last - first
+        if count <= points:
+            return np.arange(first, max(last, first), dtype=np.float64), self._values[
+                first : max(last, first)
+            ]
+        buckets = points // 2
+        unit, low, high = 1, self._values, self._values
+        if count >= buckets * _DIRECT:
+            unit, low, high = _BLOCK, self._low, self._high
+            first, last = first // unit, -(-last // unit)
+        edges = np.linspace(first, last, buckets + 1).astype(np.int64)
+        ends = np.stack(
+            [
+                np.fmin.reduceat(low[:last], edges[:-1]),
+                np.fmax.reduceat(high[:last], edges[:-1]),
+            ],
+            axis=1,
+        )
+        width = np.diff(edges)
+        places = np.stack([edges[:-1], edges[:-1] + 0.5 * width], axis=1) * float(unit)
+        return places.ravel(), ends.ravel()
+
+
+def envelopes(rows: NDArray[Any], wanted: Collection[str]) -> dict[str, Envelope]:
+    """Return some columns as signals; one pass finds the extremes of all."""
+    names = [name for name in rows.dtype.names or () if name in wanted]
+    columns = [rows[name] for name in names]
+    found = _extremes(columns, len(rows))
+    return {name: Envelope(rows[name], own) for name, own in zip(names, found, strict=True)}
+
+
+def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]:
+    """Return smallest and largest value of every block of each column."""
+    found = [(np.empty(-(-count // _BLOCK)), np.empty(-(-count // _BLOCK))) for _ in columns]
+
+    def look(first: int, last: int) -> None:
+        to = slice(first // _BLOCK, -(-last // _BLOCK))
+        whole = (last - first) // _BLOCK
+        for column, (low, high) in zip(columns, found, strict=True):
+            part = np.ascontiguousarray(column[first:last])
+            blocks = part[: whole * _BLOCK].reshape(whole, _BLOCK)
+            for quick, careful, out in ((np.minimum, np.fmin, low[to]), (np.maximum, np.fmax, high[to])):
+                quick.reduce(blocks, axis=1, out=out[:whole])
+                out[whole:] = np.nan
+                # NaN is ignored, which is slower
+                for k in np.flatnonzero(np.isnan(out)):
+                    out[k] = careful.reduce(part[k * _BLOCK : (k + 1) * _BLOCK])
+
+    by_blocks(count, look)
+    return found
+
 
 _DEEPEST = 3  # folders below a chosen one that are searched
 _MARK = "rosbag2_bagfile_information"
@@ -58,48 +133,19 @@ class Opened:
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording in a folder.
+    """A recording in a folder."""
 
-    Attributes
-    ----------
-    key : str
-        Number of the chosen folder, and the path within it.
-    path : Path
-        Path.
-    name : str
-        Name of its directory.
-    inside : str
-        Subfolder of the chosen folder; with that folder, if there are several.
-    size : int
-        Size of its files [bytes].
-    changed : float
-        Time of the last change [s since 1970].
-    duration : float or None
-        Length in its metadata [s]; None if not stated.
-    """
-
-    key: str
+    key: str  # number of the chosen folder, and the path within it
     path: Path
-    name: str
-    inside: str
-    size: int
-    changed: float
-    duration: float | None
+    name: str  # of its directory
+    inside: str  # subfolder of the chosen folder; with that folder, if there are several
+    size: int  # of its files [bytes]
+    changed: float  # time of the last change [s since 1970]
+    duration: float | None  # in its metadata [s]
 
 
 class Library:
-    """The recordings of some folders.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        Folders, or recordings themselves.
-
-    Raises
-    ------
-    InputError
-        If a folder does not exist.
-    """
+    """The recordings of some folders, or recordings themselves; InputError if a folder does not exist."""
 
     def __init__(self, folders: Sequence[Path]) -> None:
         for folder in folders:
@@ -141,13 +187,7 @@ class Library:
         return looked[1] if looked and time.monotonic() - looked[0] < _FRESH else self.entries()
 
     def find(self, key: str) -> Entry:
-        """Return a recording by its key.
-
-        Raises
-        ------
-        InputError
-            If no such recording is in the folders.
-        """
+        """Return a recording by its key; InputError for a key that is not in the folders."""
         known = {entry.key: entry for entry in self.entries()}
         if key not in known:
             raise InputError(f"recording {key!r}: not in the chosen folders; {nearest(key, known)}")

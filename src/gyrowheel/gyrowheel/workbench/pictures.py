@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from gyrowheel.comparison.picture import axis_title, cell_label
 from gyrowheel.drag_comparison.page import agreement
 from gyrowheel.drag_comparison.picture import tilts
-from gyrowheel.show.panels import columns
-from gyrowheel.show.sentences.events import event_sentence
+from gyrowheel.show.figure import columns
+from gyrowheel.show.sentences.findings import event_sentence
 from gyrowheel.show.sentences.residuals import region_description, region_name
-from gyrowheel.workbench.decimation import Envelope
-from gyrowheel.workbench.library import ROLES, Opened
+from gyrowheel.workbench.library import ROLES, Envelope, Opened
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.windows import UPRIGHT, octants
@@ -48,30 +47,11 @@ _MOST_GAPS = 200
 
 
 def signal(session: Session, key: str, begin: float, end: float, points: int) -> bytes:
-    """Return the signals of a recording in a span of time.
+    """Return the signals of an open recording from `begin` to `end` [s], with at most `points` points a line.
 
-    Parameters
-    ----------
-    session : Session
-        The session.
-    key : str
-        Key of an open recording.
-    begin, end : float
-        The span [s from the start].
-    points : int
-        Largest number of points of a line.
-
-    Returns
-    -------
-    bytes
-        Two little-endian blocks, measurement and setpoints. Each has the number of points and their times [s] as
-        float64, then the values as float32 for each column of the panels in its unit (of the setpoints: existing
-        columns only), padded with zeros to a multiple of 8 bytes.
-
-    Raises
-    ------
-    InputError
-        If the recording is not open, or the span is empty.
+    Two little-endian blocks, measurement and setpoints. Each has the number of points and their times [s] as float64,
+    then the values as float32 for each column of the panels in its unit (of the setpoints: existing columns only),
+    padded with zeros to a multiple of 8 bytes.
     """
     own = _opened(session, key)
     _require_span(begin, end)
@@ -232,13 +212,7 @@ def members(data: WindowResiduals, variable: str, cell: Cell) -> NDArray[np.bool
 
 
 def region(session: Session, chosen: Sequence[int]) -> dict[str, Any]:
-    """Return the share of the misfit in some windows, and sentences about their residual.
-
-    Raises
-    ------
-    InputError
-        If there is no comparison, or no such window.
-    """
+    """Return the share of the misfit in some windows, and sentences about their residual."""
     result = session.step.comparison
     if result is None:
         raise InputError("windows: nothing is compared yet")
@@ -298,27 +272,25 @@ def _holds(
     def row(of: Sequence[Estimate], name: str, place: int) -> list[float]:
         return [float(getattr(e, name)[place]) * _MILLI for e in of]
 
+    def series(measured: str, error: str, predicted: str, place: int) -> dict[str, list[float] | None]:
+        return {
+            "measured": row(own, measured, place),
+            "error": row(own, error, place),
+            "predicted": row(own, predicted, place),
+            "before": row(same, predicted, place) or None,
+        }
+
     same = before if [e.segment for e in before] == [e.segment for e in own] else ()
-    actuators = []
-    for place, called in enumerate(_ACTUATORS):
-        actuators.append(
-            {
-                "title": called,
-                "torque": {
-                    "measured": row(own, "measured_torque", place),
-                    "error": row(own, "residual_std", place),
-                    "predicted": row(own, "simulated_torque", place),
-                    "before": row(same, "simulated_torque", place) or None,
-                },
-                "voltage": {
-                    "measured": row(own, "voltage_increment", place),
-                    "error": row(own, "voltage_increment_std", place),
-                    "predicted": row(own, "simulated_voltage_increment", place),
-                    "before": row(same, "simulated_voltage_increment", place) or None,
-                },
-                "said": agreement(own, place),
-            }
-        )
+    voltages = ("voltage_increment", "voltage_increment_std", "simulated_voltage_increment")
+    actuators = [
+        {
+            "title": called,
+            "torque": series("measured_torque", "residual_std", "simulated_torque", place),
+            "voltage": series(*voltages, place),
+            "said": agreement(own, place),
+        }
+        for place, called in enumerate(_ACTUATORS)
+    ]
     levels = {}
     for place, (name, constant) in enumerate(_LEVELS):
         measured = [e.motor_current if place == 2 else float(e.dc_voltage[place]) for e in own]

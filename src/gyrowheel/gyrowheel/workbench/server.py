@@ -22,7 +22,7 @@ from tornado.iostream import StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 
-from gyrowheel.report.pictures import POLICY
+from gyrowheel.report.page import POLICY
 from gyrowheel.show.html import style_sheet
 from gyrowheel.workbench import pictures, views
 from gyrowheel.workbench.session import Session
@@ -52,20 +52,11 @@ _LIBRARY = ("bokeh.min.js", "bokeh-api.min.js")
 
 @dataclass(frozen=True)
 class Access:
-    """Who may use one server: the browser of its user, and no page of another site.
+    """Who may use one server: the browser of its user, and no page of another site."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Accepted values of ``Host``.
-    token : str
-        What a browser must have been given; empty where no token is required.
-    cookie : str
-        Name of the cookie with the token, with the port in it: browsers send a cookie to every port of a computer.
-    """
-
-    names: tuple[str, ...]
-    token: str
+    names: tuple[str, ...]  # accepted values of ``Host``
+    token: str  # what a browser must have been given; empty where no token is required
+    #: Name of the cookie with the token, with the port in it: browsers send a cookie to every port of a computer.
     cookie: str
 
     @classmethod
@@ -430,23 +421,10 @@ def _is_every(address: str) -> bool:
 
 
 class Server:
-    """The workbench on a port, in a thread, during a block.
+    """The workbench on a port (0: any free one), in a thread, during a block.
 
-    Parameters
-    ----------
-    session : Session
-        The session.
-    address : str
-        Address to listen on; any but loopback requires a token.
-    port : int
-        Port; 0 for any free one.
-    token : bool
-        Whether loopback requires a token too: other users of the computer reach it.
-
-    Raises
-    ------
-    InputError
-        If the address or port cannot be used, or the address is not a single one.
+    Any address but loopback requires a token; with `token` loopback does, too, which other users of the computer reach.
+    InputError if address or port cannot be used, or the address is not a single one.
     """
 
     def __init__(

@@ -8,27 +8,82 @@ from __future__ import annotations
 import contextlib
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gyrowheel.catalogue.api import own_effect
-from gyrowheel.comparison.api import compare
-from gyrowheel.diagnosis.api import diagnose
+from gyrowheel.comparison.api import Comparison, compare
+from gyrowheel.diagnosis.api import Diagnosis, diagnose
+from gyrowheel.diagnosis.page import diagnosing, following
 from gyrowheel.drag_comparison.api import drag
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.api import Recording
+from gyrowheel.recordings.api import Recording, noted_machine
+from gyrowheel.report.api import Report
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
 from gyrowheel.workbench.jobs import Jobs, Work
 from gyrowheel.workbench.library import ROLES, Library, Opened, Role
-from gyrowheel.workbench.steps import Step, report_page
+from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import new_folder
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.drag.estimate import Estimate
     from gyrowheel_sim.effects import Effect
+
+#: Name of the file of a model that was not read from one.
+MODEL = "wheel.yaml"
+
+
+@dataclass(frozen=True)
+class Step:
+    """A model, and the results found with it."""
+
+    model: Model
+    comparison: Comparison | None = None  # with the fitted recordings
+    #: Of the opened recordings, measured and predicted, by the key of the recording.
+    holds: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
+    diagnosis: Diagnosis | None = None
+
+
+def before(model: Model, kept: Model, file: Path | None) -> list[str]:
+    """Return the commands that come before those of a report, so that they find its model.
+
+    `kept` is the model in `file`; None if the model was not read from one.
+    """
+    if model is not kept:
+        return ["# first save the model in the workbench, under the name that follows"]
+    return [] if file else [f"gyrowheel model new --model {MODEL}"]
+
+
+def report_page(
+    diagnosis: Diagnosis,
+    comparison: Comparison | None,
+    model: Model,
+    recordings: tuple[Sequence[Recording], Sequence[Recording]],
+    kept: Model,
+    file: Path | None,
+) -> str:
+    """Return the report on a diagnosis as one page of HTML.
+
+    `recordings` are those that were fitted, and those that were not; `kept` and `file` as in `before`.
+    """
+    fitted, unused = recordings
+    paths, held = ([recording.path for recording in own] for own in recordings)
+    named = file or Path(MODEL)
+    return Report.around(
+        diagnosis,
+        model,
+        fitted,
+        unused,
+        comparison=comparison,
+        commands=[*before(model, kept, file), diagnosing(paths, named, held)],
+        next_command=following(
+            diagnosis, paths, held, named, model.bench_source, machine=noted_machine(fitted)
+        ),
+    ).html()
+
 
 #: Why a test cannot be run from here.
 NO_BENCH = (
@@ -50,17 +105,7 @@ def _removed_at_failure(file: Path) -> Iterator[None]:
 
 
 class Session(Jobs):
-    """The state of the workbench; every method may be called from any thread.
-
-    Parameters
-    ----------
-    library : Library
-        The recordings that can be opened.
-    model : Model
-        The first model.
-    file : Path or None
-        Its file.
-    """
+    """State of the workbench, with the first model and its file; every method may be called from any thread."""
 
     def __init__(self, library: Library, model: Model, file: Path | None = None) -> None:
         super().__init__()
@@ -152,17 +197,7 @@ class Session(Jobs):
     def test(self, plan: str, bench_key: str = "") -> None:
         """Run a test that the diagnosis names, open its recording, and diagnose again.
 
-        Parameters
-        ----------
-        plan : str
-            The plan.
-        bench_key : str
-            Key of the running bench that runs it; empty: the simulated machine of the recordings.
-
-        Raises
-        ------
-        InputError
-            If the diagnosis does not name it, or there is no such bench.
+        `bench_key` is that of a running bench; empty: the simulated machine of the recordings.
         """
         fitted, _ = self._data()
         if plan not in self.tests():
@@ -229,13 +264,7 @@ class Session(Jobs):
     # --- a table of another program
 
     def place_for(self, name: str) -> Path:
-        """Return the file for a table from a browser.
-
-        Raises
-        ------
-        InputError
-            If its name is no file name, or a job is running.
-        """
+        """Return the file for a table from a browser."""
         with self.lock:
             self.require_idle()
             if self._scratch is None:
@@ -253,35 +282,22 @@ class Session(Jobs):
             self._drop()
             with _removed_at_failure(file):
                 draft = tables.looked(number, file, self.step.model)
-                at.change(lambda: self._lay(draft))
+                at.change(lambda: setattr(self, "table", draft))
 
         with _removed_at_failure(file):
             self._begin(f"looking at {file.name}", "table", work)
 
     def map_table(self, given: Mapping[str, str], *, take: bool = False) -> None:
-        """Correct the map of the table and read it, or make a recording of it and open that.
-
-        Parameters
-        ----------
-        given : mapping of str to str
-            The form: see `gyrowheel.workbench.tables.corrected`.
-        take : bool
-            Whether to make a recording.
-
-        Raises
-        ------
-        InputError
-            If there is no table, or the form is no map.
-        """
+        """Correct the map of the table by a form and read it; with `take` make a recording of it and open that."""
         draft = self.table
         if draft is None:
-            raise InputError("table: there is none; choose a file")
+            raise InputError("table: missing; choose a file")
         content = tables.corrected(draft, given)
 
         def read(at: Work) -> None:
             self._looks += 1
             again = tables.tried(draft, self._looks, content, self.step.model)
-            at.change(lambda: self._lay(again))
+            at.change(lambda: setattr(self, "table", again))
 
         def import_it(at: Work) -> None:
             folder = self._new_folder(draft.name.partition(".")[0])
@@ -299,9 +315,6 @@ class Session(Jobs):
             self._drop()
         self.changed()
 
-    def _lay(self, draft: tables.Draft) -> None:
-        self.table = draft
-
     def _drop(self) -> None:
         """Remove the draft and its file."""
         draft, self.table = self.table, None
@@ -309,13 +322,7 @@ class Session(Jobs):
             draft.file.unlink(missing_ok=True)
 
     def own(self, formula: str) -> Effect:
-        """Return the effect that a formula declares.
-
-        Raises
-        ------
-        InputError
-            If it cannot be parsed, or its units do not agree.
-        """
+        """Return the effect that a formula declares."""
         return own_effect(formula, taken=self.step.model.effects, where="formula")
 
     def write_report(self) -> None:
@@ -328,7 +335,7 @@ class Session(Jobs):
         def work(at: Work) -> None:
             at.say("reading the files of the recordings, drawing")
             text = report_page(found, step.comparison, step.model, data, kept, file)
-            at.change(lambda: self._lay_report(text))
+            at.change(lambda: setattr(self, "report", text))
 
         self._begin("writing the report", "missing", work)
 
@@ -343,10 +350,7 @@ class Session(Jobs):
     def save(self, name: str) -> Path:
         """Write the model into the folder of its file, or of the recordings.
 
-        Raises
-        ------
-        InputError
-            If the name is no name of a model file, or the file exists and was neither opened nor saved here.
+        InputError for any name but that of a model file, or a file that exists and was neither opened nor saved here.
         """
         folder = self.library.first if self.file is None else self.file.parent
         letters = all(c.isalnum() or c in "._-" for c in name) and len(name.encode()) <= _LONGEST_NAME
@@ -424,6 +428,3 @@ class Session(Jobs):
     def _keep(self, steps: Sequence[Step]) -> None:
         self.steps, self.report = list(steps), None
         self.facts += 1
-
-    def _lay_report(self, text: str) -> None:
-        self.report = text

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.api import Recording
-from gyrowheel.recordings.correction import wrong_setups
+from gyrowheel.recordings.api import Recording, wrong_setups
 from gyrowheel.show.figure import png_bytes
 from gyrowheel.show.sentences.setup import map_lines, problem
 from gyrowheel.tables.api import read_table, suggest_map
@@ -28,40 +27,18 @@ PARTS = ("column", "unit", "scale")
 
 @dataclass(frozen=True)
 class Draft:
-    """A table and its current map.
+    """A table and its current map."""
 
-    Attributes
-    ----------
-    number : int
-        Number of the reading, for the address of the picture.
-    name : str
-        Name of the file.
-    file : Path
-        Its temporary place.
-    kind : str
-        Its format.
-    columns : tuple of str
-        Names of the columns.
-    content : mapping
-        The map.
-    reasons : mapping of str to str
-        Reasons of the suggested columns.
-    questions, remarks : tuple of str
-        Questions that the user must answer, and remarks.
-    picture : bytes
-        The measured signals as PNG; empty if the table cannot be read.
-    """
-
-    number: int
-    name: str
-    file: Path
-    kind: str
+    number: int  # of the reading, for the address of the picture
+    name: str  # of the file
+    file: Path  # its temporary place
+    kind: str  # format
     columns: tuple[str, ...]
-    content: Mapping[str, Any]
-    reasons: Mapping[str, str] = field(default_factory=dict)
-    questions: tuple[str, ...] = ()
+    content: Mapping[str, Any]  # the map
+    reasons: Mapping[str, str] = field(default_factory=dict)  # of the suggested columns
+    questions: tuple[str, ...] = ()  # to be answered by the user
     remarks: tuple[str, ...] = ()
-    picture: bytes = b""
+    picture: bytes = b""  # the measured signals as PNG; empty if the table cannot be read
 
     def rows(self) -> list[dict[str, str]]:
         """Return the rows of the form: time and every reading."""
@@ -84,13 +61,7 @@ class Draft:
 
 
 def file_name(text: str) -> str:
-    """Return the name of an uploaded file as a safe file name.
-
-    Raises
-    ------
-    InputError
-        If no character of it is allowed.
-    """
+    """Return the name of an uploaded file as a safe file name; InputError if no character of it is allowed."""
     name = "".join(c if c.isalnum() or c in "._- " else "_" for c in Path(text).name)
     name = name.encode()[-_LONGEST_NAME:].decode(errors="ignore").strip(". ")
     if not name:
@@ -99,13 +70,7 @@ def file_name(text: str) -> str:
 
 
 def looked(number: int, file: Path, model: Model) -> Draft:
-    """Return a table with a suggested map, for the bench of a model.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """Return a table with a suggested map, for the bench of a model."""
     try:
         found = suggest_map(file, bench=model.bench_source)
     except InputError as error:
@@ -127,13 +92,7 @@ def looked(number: int, file: Path, model: Model) -> Draft:
 
 
 def corrected(draft: Draft, given: Mapping[str, str]) -> dict[str, Any]:
-    """Return the map of a table, corrected by its form: ``tilt_x.column``, ``.unit``, ``.scale``.
-
-    Raises
-    ------
-    InputError
-        If a scale is no number.
-    """
+    """Return the map of a table, corrected by its form: ``tilt_x.column``, ``.unit``, ``.scale``."""
     content = copy.deepcopy(dict(draft.content))
     columns = content.setdefault("columns", {})
     for name in (_TIME, *READINGS):
@@ -159,13 +118,7 @@ def corrected(draft: Draft, given: Mapping[str, str]) -> dict[str, Any]:
 
 
 def tried(draft: Draft, number: int, content: Mapping[str, Any], model: Model) -> Draft:
-    """Read a table by a map, and return it with the picture and the contradictions to the physics of the wheel.
-
-    Raises
-    ------
-    InputError
-        If the table cannot be read by the map.
-    """
+    """Read a table by a map, and return it with the picture and the contradictions to the physics of the wheel."""
     recording = made(draft, content, None)
     wrong = wrong_setups([recording], model.details)
     questions = []

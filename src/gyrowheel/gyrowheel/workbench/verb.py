@@ -5,45 +5,26 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from gyrowheel.cli.console import notes, out
-from gyrowheel.cli.options import example
-
-
-def register(app: typer.Typer) -> None:
-    """Add the verb."""
-    app.command(epilog=example("gyrowheel workbench runs --model wheel.yaml"))(workbench)
+from gyrowheel.cli.options import argument, option
 
 
 def workbench(
     directories: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[DIR]...", help="Folders with recordings.", show_default="the working directory"
-        ),
+        list[Path] | None, argument("[DIR]...", "Folders with recordings.", "the working directory")
     ] = None,
     model: Annotated[
-        Path | None,
-        typer.Option(
-            "--model", metavar="M.yaml", help="Model file.", show_default="the bench without effects"
-        ),
+        Path | None, option("--model M.yaml", "Model file.", "the bench without effects")
     ] = None,
-    port: Annotated[
-        int, typer.Option("--port", metavar="N", min=0, max=65535, help="Port; 0: any that is free.")
-    ] = 8080,
+    port: Annotated[int, option("--port N", "Port; 0: any that is free.", min=0, max=65535)] = 8080,
     address: Annotated[
-        str,
-        typer.Option(
-            "--address", metavar="A", help="Address to listen on; any but loopback asks for a token."
-        ),
+        str, option("--address A", "Address to listen on; any but loopback asks for a token.")
     ] = "127.0.0.1",
     token: Annotated[
-        bool,
-        typer.Option("--token", help="Ask for a token on this computer, too, where others have accounts."),
+        bool, option("--token", "Ask for a token on this computer, too, where others have accounts.")
     ] = False,
     live: Annotated[
-        bool, typer.Option("--live/--no-live", help="Show a bench that runs on this computer, where ROS is.")
+        bool, option("--live/--no-live", "Show a bench that runs on this computer, where ROS is.")
     ] = True,
 ) -> None:
     """Compare, diagnose, add and undo in a browser, until Ctrl-C.

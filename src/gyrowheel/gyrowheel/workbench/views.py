@@ -12,16 +12,13 @@ from markupsafe import Markup
 
 from gyrowheel.recordings.page import integrity_text
 from gyrowheel.report import sections
-from gyrowheel.show.cells import Cells, declared, label
-from gyrowheel.show.formulas import pretty
-from gyrowheel.show.html import environment, style_sheet
-from gyrowheel.show.mathml import typeset
-from gyrowheel.show.panels import PANELS
+from gyrowheel.show.figure import PANELS
+from gyrowheel.show.formulas import pretty, typeset
+from gyrowheel.show.html import Cells, declared, environment, label, style_sheet
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel.workbench.benches import SimulatedBench
 from gyrowheel.workbench.library import ROLES
-from gyrowheel.workbench.session import NO_BENCH, Session
-from gyrowheel.workbench.steps import MODEL
+from gyrowheel.workbench.session import MODEL, NO_BENCH, Session
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.units import DEG, RPM, unit_for
@@ -110,13 +107,7 @@ def help_page() -> str:
 
 
 def effect_page(session: Session, name: str) -> str:
-    """Return the page of an effect of the library or of the model.
-
-    Raises
-    ------
-    InputError
-        If the name is unknown.
-    """
+    """Return the page of an effect of the library or of the model; InputError for an unknown name."""
     library = session.step.model.details.library
     if name not in library:
         raise InputError(f"effect: {name!r} is not known; {nearest(name, library)}")
@@ -146,13 +137,7 @@ def login(sentence: str) -> str:
 
 
 def formula(session: Session, text: str) -> dict[str, Any]:
-    """Return the parsed formula: its law, and its coefficients with their units.
-
-    Raises
-    ------
-    InputError
-        If it cannot be parsed, or its units do not agree.
-    """
+    """Return the parsed formula: its law, and its coefficients with their units."""
     effect = session.own(text)
     return {
         "name": effect.name,

@@ -6,12 +6,16 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from gyrowheel.show.quantities import decimal, is_pure, pair, quantity, with_error
-from gyrowheel.show.sentences.events import drift_sentence, event_sentences, shape_sentence
-from gyrowheel.show.sentences.instruments import instrument_sentence
+from gyrowheel.show.formulas import is_pure
+from gyrowheel.show.sentences.findings import (
+    drift_sentence,
+    event_sentences,
+    instrument_sentence,
+    shape_sentence,
+)
 from gyrowheel.show.sentences.residuals import growth_sentence
 from gyrowheel.show.sentences.setup import problem
-from gyrowheel_core.quantities import listed
+from gyrowheel_core.quantities import decimal, listed, pair, quantity, with_error
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import (

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 from rich.text import Text
 
 from gyrowheel.show.error_table import unit_of, units_of
-from gyrowheel.show.quantities import fixed, quantity
 from gyrowheel_analysis.channels import LISTED
-from gyrowheel_core.quantities import listed
+from gyrowheel_core.quantities import fixed, listed, quantity
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.add import Doubt
@@ -30,12 +29,7 @@ HOW = "A recording that was not fitted proves it: --validate."
 def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
     """Return whether the findings are proven, with the reason where they are not.
 
-    Parameters
-    ----------
-    proof : Proof or None
-        The proof; None where nothing could be diagnosed.
-    table : ErrorTable, optional
-        The table of errors on the same page, whose units are taken.
+    The units are those of the table of errors on the same page.
     """
     if proof is None:
         return "NOT proven: nothing could be diagnosed."

@@ -3,10 +3,10 @@
 import { P, colours, now, put, themed } from "./shared.js";
 
 let drawn = "";
-export function showFall(anew = false) {
+export function showFall(again = false) {
   const rows = now.found?.fall ?? [];
   const text = JSON.stringify(rows);
-  if (text === drawn && !anew) return;
+  if (text === drawn && !again) return;
   drawn = text;
   put("fall", null);
   if (!rows.length) return;

@@ -1,4 +1,4 @@
-// Torques and voltages of the holds, measured beside predicted: over time, tilt and spin rate.
+// Torques and voltages of the holds, measured and predicted, over time, tilt and spin rate.
 
 import { P, at, colours, css, element, now, put, table, themed } from "./shared.js";
 import { choose, shown } from "./signals.js";
@@ -41,7 +41,7 @@ for (const button of at("quantity").querySelectorAll("button")) {
   });
 }
 
-export function showPredicted(anew = false) {
+export function showPredicted(again = false) {
   for (const button of at("quantity").querySelectorAll("button")) {
     button.setAttribute("aria-pressed", String(button.dataset.quantity === quantity));
   }
@@ -53,7 +53,7 @@ export function showPredicted(anew = false) {
   const holds = live ? now.live[key] : now.found?.holds[key];
   at("predicted-by").textContent = live ? "Predicted by the drag estimator of the running graph." : "";
   const mark = JSON.stringify([key, quantity, holds]);
-  if (mark === drawn && !anew) return;
+  if (mark === drawn && !again) return;
   drawn = mark;
   at("predicted-section").hidden = !holds && !running.length;
   listed = holds ? { holds, live, key } : null;

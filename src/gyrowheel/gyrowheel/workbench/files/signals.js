@@ -123,7 +123,7 @@ function draw() {
   }
   // one layout, as figures that share a span or a source must belong together
   put("plots", new Bokeh.Column({ children: figures, sizing_mode: "stretch_width", spacing: 0 }));
-  // asked anew when the span has stood still for a moment, so that a turned wheel asks once
+  // asked again when the span has stood still for a moment, so that a turned wheel asks once
   const moved = () => {
     clearTimeout(zooming);
     zooming = setTimeout(() => zoom(range.start, range.end), 60);

@@ -25,12 +25,12 @@ function legible(colour) {
 }
 const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
 
-export function showWhere(anew = false) {
-  if (now.found === seen && !anew) return;
+export function showWhere(again = false) {
+  if (now.found === seen && !again) return;
   seen = now.found;
   const w = now.found?.windows ?? null;
   const text = JSON.stringify([w, now.found?.maps]);
-  if (text === drawn && !anew) return;
+  if (text === drawn && !again) return;
   drawn = text;
   put("where", null);
   at("where").tabIndex = w ? 0 : -1;

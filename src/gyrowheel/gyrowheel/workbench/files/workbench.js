@@ -129,7 +129,7 @@ for (const name of ["pointerup", "pointercancel", "blur"]) {
   addEventListener(name, released, true);
 }
 
-// What the server says of an error, beside its cause; said once to those who listen.
+// What the server says of an error, next to its cause; announced once to those who listen.
 function showTrouble() {
   const { trouble, job } = now.state;
   for (const field of document.querySelectorAll("[data-trouble]")) {

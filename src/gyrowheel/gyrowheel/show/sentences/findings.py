@@ -1,0 +1,237 @@
+"""Findings in the readings: deviations of the instruments, changes in the middle of a recording, and drifts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from gyrowheel_core.quantities import decimal, listed, pair, quantity, short, with_error
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape, InstrumentFinding
+    from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
+
+#: Readings in a sentence, by channel.
+READINGS = {
+    "tilt": "tilt",
+    "spin_angle": "angle of the shaft",
+    "spin_rate": "spin rate",
+    "coil_voltage": "coil voltage",
+    "motor_voltage": "motor voltage",
+    "motor_current": "motor current",
+}
+_PARTS = {
+    "encoder_once_x": "once a turn, cosine part",
+    "encoder_once_y": "once a turn, sine part",
+    "encoder_twice_x": "twice a turn, cosine part",
+    "encoder_twice_y": "twice a turn, sine part",
+}
+
+
+def instrument_sentence(found: InstrumentFinding) -> str:
+    """Return the deviation of an instrument, for example a voltage read later than stated."""
+    reading = READINGS.get(found.channel, found.channel)
+    off = with_error(abs(found.deviation), found.standard_error, found.unit)
+    now = with_error(found.value, found.standard_error, found.unit)
+    if found.quantity == "delay":
+        return f"The {reading} is read {off} {'later' if found.deviation > 0.0 else 'earlier'} than stated."
+    if found.quantity == "filter_time":
+        if found.stated == 0.0:
+            return f"The {reading} passes a filter of {now} that the bench file does not state."
+        return f"The filter of the {reading} has {now}, not {quantity(found.stated, found.unit)} as stated."
+    if found.quantity == "encoder_zero":
+        where = "ahead of" if found.deviation > 0.0 else "behind"
+        return f"The zero of the angle reading is {off} {where} where it is stated."
+    if found.quantity in _PARTS:
+        return f"The angle reading errs {_PARTS[found.quantity]}, by {now}; stated {_stated(found)}."
+    if found.quantity == "cubic":
+        return f"The tilt sensors are not linear: cubic error {now}; stated {_stated(found)}."
+    return f"Each tilt sensor shows {now} of the tilt about the other axis; stated {_stated(found)}."
+
+
+def instrument_open(found: InstrumentFinding) -> str:
+    """Return the deviation of an instrument with its alternatives."""
+    if not found.ties:
+        return instrument_sentence(found)
+    others = listed([tie.name for tie in found.ties], "or")
+    return f"{instrument_sentence(found).rstrip('.')}, but {others} would explain it as well."
+
+
+_NAMES = READINGS | {"temperature": "temperatures", "pressure": "air pressure"}
+_REMARKS = {
+    "": "",
+    "sampled": "; the angle of the shaft follows: the samples are taken when the stamps say",
+    "stamped": "; the angle of the shaft does not follow: the samples are even, and the scatter is taken out",
+    "hidden": "; the stamps do not show it, the noise of the angle does, which grows with the speed",
+    "stamps_off": "; the reading of the speed goes with the count of the samples, against the stamps",
+    "sampling_off": "; the reading of the speed goes with the stamps: it may be the sampling that is off",
+}
+_MICRO = 1.0e-6
+_EXACT = 1.0e-3  # part of a value below which its error is not shown
+
+
+def reading_sentence(found: ReadingFinding) -> str:
+    """Return a deviation found in the samples next to the stated value, for example hum of the tilt reading."""
+    name, stated = _NAMES.get(found.channel, found.channel), _stated(found)
+    value = with_error(found.value, found.standard_error, found.unit)
+    if found.quantity == "hum":
+        where = f"{found.frequency:.2f} Hz" if found.frequency is not None else "the mains"
+        if found.multiple > 1:
+            where += f", {found.multiple} times the mains"
+        if found.value < 5.0 * found.standard_error:
+            return f"The {name} has no hum at {where} ({value}); stated {stated}."
+        return f"The {name} has a hum of {value} at {where}; stated {stated}."
+    if found.quantity == "frequency":
+        return f"The mains has {value}; stated {stated}."
+    if found.quantity == "resolution":
+        if found.value == 0.0:
+            return f"The {name} does not go in steps; stated {stated}."
+        return f"The {name} goes in steps of {quantity(found.value, found.unit)}; stated {stated}."
+    remark = _REMARKS[found.remark]
+    if found.quantity == "jitter":
+        whose = "The sampling instants" if found.remark == "hidden" else "The stamps"
+        declared = f"{short(found.stated / _MICRO)} µs" if found.stated else "0"
+        return f"{whose} scatter by {_micro(found)} µs; stated {declared}{remark}."
+    way = "fast" if found.value > 0.0 else "slow"
+    declared = f"{short(found.stated / _MICRO)} ppm" if found.stated else "0"
+    return f"The stamps run {_micro(found)} ppm {way} against the count of the samples; stated {declared}{remark}."
+
+
+def _micro(found: ReadingFinding) -> str:
+    """Return the size of a value in millionths, with its error where it is not exact."""
+    value, error = abs(found.value) / _MICRO, found.standard_error / _MICRO
+    return pair(value, error) if error > _EXACT * value else short(value)
+
+
+def untold_sentences(hum_unknown: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """Yield the limits of the samples: hum at a multiple of the speed."""
+    if any(why == "rotor" for _, why in hum_unknown):
+        yield "Hum of the mains cannot be determined: a multiple of the speed has its frequency in all steady motion."
+
+
+def _stated(found: InstrumentFinding | ReadingFinding) -> str:
+    return quantity(found.stated, found.unit) if found.stated else "0"
+
+
+#: Description of a change, by the channel of the event.
+_WHAT = {
+    "torque_x": "a torque of {} about case x",
+    "torque_y": "a torque of {} about case y",
+    "spin_torque": "a torque of {} on the spin",
+    "motor_current": "a shift of {} in the reading of the motor current",
+    "motor_voltage": "a shift of {} in the reading of the motor voltage",
+    "spin_torque_by_speed": "a torque of {} on the spin, in proportion to the speed (size at the reference speed),",
+    "torque_along_tilt": "a torque of {} along the tilt, in proportion to it (size at the reference tilt),",
+    "torque_across_tilt": (
+        "a torque of {} across the tilt, in proportion to tilt and speed (size at the reference tilt and speed),"
+    ),
+    "coil_gain": "a change of {} in the torque per volt of the coils",
+    "tilt_reading_x": "a shift of {} in the reading of tilt x",
+    "tilt_reading_y": "a shift of {} in the reading of tilt y",
+    "winding_resistance": "a change of {} in the resistance of the motor's winding",
+    "motor_constant": "a change of {} in torque and voltage constant of the motor",
+    "encoder_zero": "a slip of {} of the encoder",
+    "torque_after_tilt": "a torque of {} against it",
+    "coil_voltage_x": "a shift in the reading of coil voltage x",
+    "coil_voltage_y": "a shift in the reading of coil voltage y",
+}
+_DRIFTS = {
+    "coil_voltage": "coil voltages",
+    "motor_current": "motor current",
+    "motor_voltage": "motor voltage",
+}
+_TEMPERATURES = {
+    "coil_temperature": "temperature of the coils",
+    "motor_temperature": "temperature of the motor's winding",
+    "air_temperature": "temperature of the air",
+}
+_SHAPELESS = (
+    "it is no step, trend, burst or swing, and follows neither a temperature nor the moves of the tilt"
+)
+#: Drifts above this multiple of the stated size are reported.
+_TOLD = 1.5
+
+
+def event_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> list[str]:
+    """Return changes with their times; simultaneous changes share a sentence.
+
+    With `several` recordings each sentence names its recording.
+    """
+    at_once: dict[tuple[str, str, float, float | None], list[DatedEvent]] = {}
+    for event in events:
+        at_once.setdefault((event.recording, event.kind, event.time, event.end), []).append(event)
+    return [_sentence(own, several) for own in at_once.values()]
+
+
+def event_sentence(event: DatedEvent, *, several: bool = False) -> str:
+    """Return a change with its time, as `event_sentences` does."""
+    return _sentence([event], several)
+
+
+def _sentence(events: Sequence[DatedEvent], several: bool) -> str:
+    event = events[0]
+    sizes = [with_error(e.size, e.standard_error, e.unit, pure=False) for e in events]
+    each = [_WHAT[e.channel].format(size) for e, size in zip(events, sizes, strict=True)]
+    what = listed([part.rstrip(",") for part in each[:-1]] + each[-1:], "and")
+    where = f" of {event.recording}" if several else ""
+    begin = _time(event.time, event.time_error)
+    if event.kind == "step" or event.end is None:
+        return f"At {begin}{where} {what} appeared and stayed."
+    end = _time(event.end, event.end_error or 0.0)
+    if event.kind == "trend":
+        return f"From {begin} to {end}{where} {what} grew, and stayed."
+    were = "was" if len(events) == 1 else "were"
+    return f"From {begin} to {end}{where} there {were} {what.rstrip(',')}."
+
+
+def tie_of_event(event: DatedEvent) -> str:
+    """Return the alternatives to an event; empty without alternatives."""
+    if not event.ties:
+        return ""
+    names = [_WHAT[name].replace(" of {}", "").rstrip(",") for name in event.ties]
+    begin = _time(event.time, event.time_error)
+    return (
+        f"what began at {begin} could also be {listed(names, 'or')}: these recordings do not tell them apart"
+    )
+
+
+def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:
+    """Return the shape of a drift; `several` as in `event_sentences`."""
+    what = _WHAT[shape.channel].format(with_error(shape.size, shape.standard_error, shape.unit, pure=False))
+    where = f" In {shape.recording}," if several else ""
+    if shape.kind == "after_tilt":
+        said = (
+            f"after every move of the tilt {what} relaxes with a time constant of about {decimal(shape.time, 0)} s "
+            "(size just after a move by the reference tilt)."
+        )
+    elif shape.kind == "swing":
+        period = _time(shape.time, shape.time_error)
+        said = f"{what.rstrip(',')} swings to and fro with a period of {period}."
+    else:
+        warmer = decimal(shape.temperature_change, 1)
+        said = f"{what.rstrip(',')} follows the {_TEMPERATURES[shape.kind]}, which changed by {warmer} K."
+    return f"{where} {said}".strip() if where else said[0].upper() + said[1:]
+
+
+def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False) -> str:
+    """Return the drifts that are larger than stated; empty otherwise.
+
+    `scales` are their sizes over the stated ones, by reading. If events or shapes of drifts are reported too
+    (`shaped`), the remainder has no shape.
+    """
+    raised = [
+        f"that of the {_DRIFTS.get(name, name)} {decimal(scale, 1)} times"
+        for name, scale in scales.items()
+        if scale > _TOLD
+    ]
+    if not raised:
+        return ""
+    what = "What is left of the slow drift is" if shaped else "The slow drift is"
+    return f"{what} larger than stated: {listed(raised, 'and')}; {_SHAPELESS}."
+
+
+def _time(time: float, error: float) -> str:
+    """Return a time with its standard error, as in 110.20(3) s."""
+    places = 2 if error < 0.1 else 1 if error < 1.0 else 0
+    digits = max(round(error * 10**places), 1)
+    return f"{decimal(time, places)}({digits}) s"
