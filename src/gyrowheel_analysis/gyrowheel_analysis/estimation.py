@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,13 @@ from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
-from gyrowheel_analysis.residuals.error_table import channel_values, channels_of
+from gyrowheel_analysis.residuals.error_table import channel_parts, channel_values, channels_of
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.parameter import physical_range
+
+if TYPE_CHECKING:
+    import pandas
 
 Array = NDArray[np.float64]
 #: Weight of large residuals: plain least squares, or one of SciPy's losses for noise with heavy tails.
@@ -101,6 +104,41 @@ class Parameter:
     data: tuple[float, float] | None = None
 
 
+@dataclass(frozen=True)
+class Matrix:
+    """A symmetric matrix whose rows and columns have names.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the rows.
+    values : ndarray (p, p)
+        The numbers.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+
+    def __getitem__(self, pair: tuple[str, str]) -> float:
+        """Return the element of two names."""
+        first, second = (self.names.index(name) for name in pair)
+        return float(self.values[first, second])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        """Return the numbers, for functions of NumPy."""
+        return np.array(self.values, dtype=dtype, copy=True if copy is None else copy)
+
+    def to_columns(self) -> dict[str, Any]:
+        """Return the rows as columns, the first of which has the names."""
+        return {"parameter": list(self.names)} | {n: self.values[:, k] for k, n in enumerate(self.names)}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a data frame labelled by the names; it needs pandas."""
+        import pandas as pd
+
+        return pd.DataFrame(self.values, index=list(self.names), columns=list(self.names))
+
+
 class _Unknown(NamedTuple):
     """An unknown of the fit: its name, SI value = offset + size times the fitted number, unit, prior, bounds [SI]."""
 
@@ -145,7 +183,7 @@ class Cost:
         terms: Sequence[Term],
         unknowns: Sequence[_Unknown],
         free: Sequence[int],
-        loss: Loss,
+        loss: str,
     ) -> None:
         self.problem, self.terms, self.loss = problem, tuple(terms), loss
         self.unknowns, self._free = tuple(unknowns), list(free)
@@ -233,9 +271,11 @@ class Cost:
             gtol=tolerance,
             max_nfev=_EVALUATIONS,
         )
-        values = np.clip(whole(found.x), *self.bounds)
-        at_bound = frozenset(k for k, mask in zip(moving, found.active_mask, strict=True) if mask)
-        return Minimum(values, 2.0 * float(found.cost), at_bound)
+        values = whole(found.x)
+        at_bound = {k: int(side > 0) for k, side in zip(moving, found.active_mask, strict=True) if side}
+        for k, side in at_bound.items():
+            values[k] = self.bounds[side, k]
+        return Minimum(values, 2.0 * float(found.cost), frozenset(at_bound))
 
     def hessian(self, values: Array, steps: Array) -> Array:
         """Return half the second derivatives of the cost (p, p) at a minimum."""
@@ -275,9 +315,8 @@ class Estimation:
     ----------
     parameters : dict of str to Parameter
         All parameters by name, the free ones first.
-    covariance : ndarray (p, p)
-        Covariance of the free parameters in the order of `parameters` [SI]: the inverse of half the second derivatives
-        of the cost.
+    covariance : Matrix
+        Covariance of the free parameters [SI]: the inverse of half the second derivatives of the cost.
     chi2, chi2_rows : float
         Cost: sum of squares of the whitened rows and of the deviations from the priors; of the rows alone.
     rows : int
@@ -295,12 +334,12 @@ class Estimation:
         Weight of large residuals.
     recordings : tuple of str
         Their paths.
-    model : Model
+    fitted : Model
         The model with the estimates, and an entry in its history.
     """
 
     parameters: dict[str, Parameter]
-    covariance: Array
+    covariance: Matrix
     chi2: float
     chi2_rows: float
     rows: int
@@ -308,9 +347,9 @@ class Estimation:
     channels: dict[str, tuple[float, int]]
     log_likelihood: float
     log_evidence: float
-    loss: Loss
+    loss: str
     recordings: tuple[str, ...]
-    model: Model
+    fitted: Model
     _cost: Cost = field(repr=False)
     _prepared: Prepared = field(repr=False)
 
@@ -325,10 +364,10 @@ class Estimation:
         return np.array([self.parameters[name].value for name in self.names])
 
     @property
-    def correlation(self) -> Array:
-        """Correlation of the free parameters (p, p)."""
-        deviation = np.sqrt(np.diag(self.covariance))
-        return np.asarray(self.covariance / np.outer(deviation, deviation))
+    def correlation(self) -> Matrix:
+        """Correlation of the free parameters."""
+        deviation = np.sqrt(np.diag(self.covariance.values))
+        return Matrix(self.covariance.names, self.covariance.values / np.outer(deviation, deviation))
 
     @property
     def aic(self) -> float:
@@ -340,6 +379,24 @@ class Estimation:
         """Schwarz's criterion: the same with log N a free parameter, N the rows and priors."""
         priors = sum(own.prior is not None for own in self.parameters.values() if own.free)
         return self._deviance + math.log(self.rows + priors) * len(self.names)
+
+    def evidence_over(self, other: Estimation) -> float:
+        """Return the natural log of the Bayes factor of this estimation over another one on the same rows.
+
+        Raises
+        ------
+        InputError
+            If the rows or their noise differ.
+        """
+        own, its = self._cost.problem, other._cost.problem
+        same = self.recordings == other.recordings and self.rows == other.rows
+        if not same or not math.isclose(
+            _log_determinant(own.noise), _log_determinant(its.noise), abs_tol=1e-6
+        ):
+            raise InputError(
+                "evidence: the two fits have different rows or noise; allowed: fits of the same recordings"
+            )
+        return self.log_evidence - other.log_evidence
 
     @property
     def _deviance(self) -> float:
@@ -364,7 +421,7 @@ class Estimation:
             Its values [SI].
         """
         k = self.free(name)
-        step = self.covariance[k] / self.covariance[k, k]
+        step = self.covariance.values[k] / self.covariance.values[k, k]
         with one_thread():
             return np.array(
                 [self._root_of_rise([k], self.values + (v - self.values[k]) * step) ** 2 for v in values]
@@ -381,7 +438,7 @@ class Estimation:
         ends = []
         with one_thread():
             for side, bound in ((-1.0, low), (1.0, high)):
-                step = side * self.covariance[k] / error**2
+                step = side * self.covariance.values[k] / error**2
 
                 def excess(distance: float, step: Array = step) -> float:
                     return self._root_of_rise([k], self.values + distance * step) - root
@@ -408,8 +465,8 @@ class Estimation:
         pair = [self.free(first), self.free(second)]
         if pair[0] == pair[1]:
             raise InputError(f"contour: {first} is given twice; allowed: two parameters")
-        root, own = math.sqrt(chi2_distribution.ppf(level, 2)), self.covariance[np.ix_(pair, pair)]
-        along = self.covariance[:, pair] @ np.linalg.inv(own)
+        root, own = math.sqrt(chi2_distribution.ppf(level, 2)), self.covariance.values[np.ix_(pair, pair)]
+        along = self.covariance.values[:, pair] @ np.linalg.inv(own)
         border = []
         with one_thread():
             for angle in np.linspace(0.0, 2.0 * math.pi, points, endpoint=False):
@@ -425,9 +482,47 @@ class Estimation:
     def sample(self, count: int, seed: int = 0) -> dict[str, Array]:
         """Return draws (count,) of every free parameter from the normal posterior, cut at the bounds [SI]."""
         random = np.random.default_rng(seed)
-        drawn = random.multivariate_normal(self.values, self.covariance, count, method="eigh")
+        drawn = random.multivariate_normal(self.values, self.covariance.values, count, method="eigh")
         drawn = np.clip(drawn, *self._cost.bounds)
         return {name: drawn[:, k] for k, name in enumerate(self.names)}
+
+    def correlations(self, first: str, second: str, lags: int = 20) -> tuple[Array, Array, float]:
+        """Return the correlation of the whitened residuals of two rows over lags of windows; of one with itself.
+
+        Parameters
+        ----------
+        first, second : str
+            Rows, as in the column ``row`` of `table`.
+        lags : int
+            Largest lag [windows].
+
+        Returns
+        -------
+        lag, correlation : ndarray
+            Lags -lags .. lags and the correlation there.
+        band : float
+            95 % of white noise lie within plus and minus this.
+        """
+        problem, white = self._cost.problem, self._cost.white(self.values)
+        rows = {row for own in channels_of(problem.balances) for row in LISTED[own].rows}
+        for name in (first, second):
+            if name not in rows:
+                raise InputError(f"{name}: no such row; {nearest(name, sorted(rows))}")
+        pairs = zip(*(channel_parts(problem.balances, white, name) for name in (first, second)), strict=True)
+        lag = np.arange(-lags, lags + 1, dtype=np.float64)
+        total, count = np.zeros(len(lag)), np.zeros(len(lag))
+        for a, b in pairs:
+            for k, shift in enumerate(range(-lags, lags + 1)):
+                left, right = (
+                    (a[: len(a) - shift], b[shift:]) if shift >= 0 else (a[-shift:], b[: len(b) + shift])
+                )
+                total[k] += float(left @ right)
+                count[k] += len(left)
+        size = math.sqrt(
+            np.mean(np.square(channel_values(problem.balances, white, first)))
+            * np.mean(np.square(channel_values(problem.balances, white, second)))
+        )
+        return lag, total / np.maximum(count, 1.0) / (size or 1.0), 1.96 / math.sqrt(max(count[lags], 1.0))
 
     def table(self) -> dict[str, Any]:
         """Return every row as columns, window by window, channel by channel.
@@ -446,8 +541,8 @@ class Estimation:
                 self._steps,
                 range(len(self.names)),
             )
-        leverage = np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
-        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", plain, self.covariance, plain), 0.0))
+        leverage = np.einsum("ij,jk,ik->i", jacobian, self.covariance.values, jacobian)
+        spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", plain, self.covariance.values, plain), 0.0))
         noise = problem.noise.deviation()
         parts: dict[str, list[Any]] = {name: [] for name in TABLE}
         at = 0
@@ -484,7 +579,7 @@ class Estimation:
 
     @property
     def _steps(self) -> Array:
-        return _STEP * np.sqrt(np.diag(self.covariance))
+        return _STEP * np.sqrt(np.diag(self.covariance.values))
 
 
 def _where_zero(excess: Callable[[float], float], guess: float, farthest: float) -> float:
@@ -514,11 +609,11 @@ def estimate(
     model: Model,
     recordings: Sequence[Recording],
     *,
-    free: Sequence[str] | None = None,
-    fixed: Sequence[str] = (),
+    free: str | Sequence[str] | None = None,
+    fixed: str | Sequence[str] = (),
     priors: Mapping[str, tuple[float, float] | None] | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
-    loss: Loss = "linear",
+    loss: str = "linear",
     progress: Progress | None = None,
 ) -> Estimation:
     """Estimate parameters of a model from recordings.
@@ -632,10 +727,10 @@ def _limited(
     return list(own.values())
 
 
-def _chosen(names: Sequence[str], free: Sequence[str] | None, fixed: Sequence[str]) -> list[int]:
+def _chosen(names: Sequence[str], free: str | Sequence[str] | None, fixed: str | Sequence[str]) -> list[int]:
     """Return the numbers of the unknowns that are free."""
 
-    def matching(field: str, patterns: Sequence[str]) -> set[str]:
+    def matching(field: str, patterns: str | Sequence[str]) -> set[str]:
         found: set[str] = set()
         for pattern in [patterns] if isinstance(patterns, str) else patterns:
             own = {
@@ -652,7 +747,8 @@ def _chosen(names: Sequence[str], free: Sequence[str] | None, fixed: Sequence[st
 
     wanted = set(names) if free is None else matching("free", free)
     wanted -= matching("fixed", fixed)
-    return [k for k, name in enumerate(names) if name in wanted]
+    free_ones = [k for k, name in enumerate(names) if name in wanted]
+    return sorted(free_ones, key=lambda k: "." not in names[k])  # coefficients of effects first
 
 
 def _minimised(cost: Cost) -> tuple[Minimum, Array]:
@@ -694,7 +790,7 @@ def _estimation(
     parameters = {
         u.name: Parameter(
             u.name, float(x), float(error), u.unit, u.start, True, u.prior, u.bounds, k in found.at_bound,
-            _without_prior(float(x), float(error), u.prior),
+            None if k in found.at_bound else _without_prior(float(x), float(error), u.prior),
         )
         for k, (u, x, error) in enumerate(zip(cost.free, found.values, errors, strict=True))
     }  # fmt: skip
@@ -720,7 +816,7 @@ def _estimation(
     }
     return Estimation(
         parameters=parameters,
-        covariance=covariance,
+        covariance=Matrix(tuple(u.name for u in cost.free), covariance),
         chi2=chi2,
         chi2_rows=float(white @ white),
         rows=len(white),
@@ -730,7 +826,7 @@ def _estimation(
         log_evidence=evidence,
         loss=cost.loss,
         recordings=tuple(str(r.path) for r in recordings),
-        model=_changed(model, recordings, problem, parameters),
+        fitted=_changed(model, recordings, problem, parameters),
         _cost=cost,
         _prepared=prepared,
     )
@@ -742,6 +838,15 @@ def _without_prior(value: float, error: float, prior: Prior | None) -> tuple[flo
         return None
     variance = 1.0 / (1.0 / error**2 - 1.0 / prior.deviation**2)
     return variance * (value / error**2 - prior.mean / prior.deviation**2), math.sqrt(variance)
+
+
+def _summary(parameters: Mapping[str, Parameter]) -> list[str]:
+    """Return the names of the free parameters; those of the bench counted where they are many."""
+    free = [name for name, own in parameters.items() if own.free]
+    bench = [name for name in free if "." not in name]
+    if len(bench) <= 3:
+        return free
+    return [*(name for name in free if "." in name), f"{len(bench)} bench parameters"]
 
 
 def _changed(
@@ -764,7 +869,7 @@ def _changed(
             errors.setdefault(effect, {})[key] = own.standard_error
     entry = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "what": f"fit {', '.join(name for name, own in parameters.items() if own.free)}",
+        "what": f"fit {', '.join(_summary(parameters))}",
         "fit": [str(r.path) for r in recordings],
     }
     return model.changed(entry, overrides=overrides, effects=effects, effect_errors=errors)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.recordings.api import wrong_setups
-from gyrowheel.recordings.inputs import Recordings, Say, data, opened_apart, require_one_machine
+from gyrowheel.recordings.inputs import Recordings, Say, data, opened, opened_apart, require_one_machine
 from gyrowheel.show.result import Shown, columns_of
 from gyrowheel_analysis.model import Model as Details
 from gyrowheel_core.errors import InputError
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from gyrowheel.models.addition import Addition
+    from gyrowheel.models.estimation import Fit
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.model import Override
     from gyrowheel_sim.bench import Bench
@@ -163,6 +164,72 @@ class Model(Shown):
             raise InputError(setup_line(wrong))
         found = add_effect(self._details, chosen, data(fitted), data(unused), progress=progress)
         return Model.of(found.model, Addition.of(found))
+
+    def fit(
+        self,
+        recordings: Recordings,
+        *,
+        free: str | Sequence[str] | None = None,
+        fixed: str | Sequence[str] = (),
+        priors: Mapping[str, tuple[float, float] | None] | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
+        loss: str = "linear",
+        mixed: bool = False,
+        progress: Say | None = None,
+    ) -> Fit:
+        """Estimate parameters of the model from recordings; the user decides which.
+
+        Parameters
+        ----------
+        recordings : Recording, path or list
+            Recordings of one machine.
+        free, fixed : str or sequence of str, optional
+            Parameters to estimate, all unless given; and those of them to hold at the model's value. ``windage.w`` is
+            a coefficient, ``windage`` all coefficients of an effect, ``bench`` all uncertain bench parameters; ``*``
+            stands for any letters.
+        priors : mapping, optional
+            {parameter: (mean, standard deviation)} [SI], or {parameter: None} for no prior. Unless given, bench
+            parameters have their stated uncertainty, and exponents that of their declaration.
+        bounds : mapping, optional
+            {parameter: (lowest, highest)} [SI].
+        loss : str
+            ``linear`` (least squares), or ``soft_l1``, ``huber``, ``cauchy`` for noise with heavy tails.
+        mixed : bool
+            Join recordings that state different machines.
+        progress : callable, optional
+            Called with a line of text now and then.
+
+        Returns
+        -------
+        Fit
+            Estimates, covariance, profiles, criteria and residuals; ``.model`` is a new model that has the estimates.
+
+        Raises
+        ------
+        InputError
+            If a name, prior or bound is not allowed, the recordings have too little steady motion, or they do not
+            determine a free parameter.
+        """
+        from gyrowheel.models.estimation import Fit
+        from gyrowheel_analysis.estimation import estimate
+
+        given = opened(recordings)
+        require_one_machine(data(given), mixed=mixed)
+        if wrong := wrong_setups(given, self._details, mixed=mixed):
+            from gyrowheel.show.sentences.setup import setup_line
+
+            raise InputError(setup_line(wrong))
+        found = estimate(
+            self._details,
+            data(given),
+            free=free,
+            fixed=fixed,
+            priors=priors,
+            bounds=bounds,
+            loss=loss,
+            progress=progress,
+        )
+        return Fit.of(found)
 
     def remove(self, *names: str) -> Model:
         """Return a new model without the named effects; the other coefficients keep their values.
