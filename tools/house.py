@@ -80,7 +80,7 @@ HOUSE = (
             ("reduction",),
             ("balance",),
             ("fitting", "torques", "capability"),
-            ("residuals", "signature"),
+            ("residuals",),
             ("diagnosis", "drag", "compare", "rate_sensor"),
             ("add", "calibrate"),
             ("nodes",),
