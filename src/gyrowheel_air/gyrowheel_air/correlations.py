@@ -45,25 +45,16 @@ CYLINDER_SCATTER: Final = 0.06
 
 @dataclass(frozen=True)
 class Drag:
-    """Drag of the spinning rotor without tilt, by its parts.
+    """Drag of the spinning rotor without tilt, by its parts."""
 
-    Attributes
-    ----------
-    discs, cylinder : float
-        Torque that brakes both end faces, and the rim [N m], above zero.
-    disc_uncertainty, cylinder_uncertainty : float
-        Standard uncertainty of each [N m]: scatter of the measurements, and the spread of the alternatives.
-    regime : str
-        Regime of the discs, of `REGIMES`.
-    reynolds, gap_reynolds : float
-        Re of the disc (rho Omega R^2/mu) and of the rim gap (rho Omega R t/mu).
-    """
-
+    #: Torque that brakes both end faces, and the rim [N m], above zero.
     discs: float
     cylinder: float
+    #: Standard uncertainty of each [N m]: scatter of the measurements, and the spread of the alternatives.
     disc_uncertainty: float
     cylinder_uncertainty: float
-    regime: str
+    regime: str  # regime of the discs, of `REGIMES`
+    #: Re of the disc (rho Omega R^2/mu) and of the rim gap (rho Omega R t/mu).
     reynolds: float
     gap_reynolds: float
 
@@ -226,18 +217,10 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Correlation:
-    """Drag on the spin by published correlations, which give no transverse torques.
+    """Drag on the spin by published correlations, which give no transverse torques."""
 
-    Attributes
-    ----------
-    cylinder : str
-        Correlation of the rim, see `gyrowheel_air.correlations`.
-    regime : str, optional
-        Regime of the end faces; by default the one in which they are.
-    """
-
-    cylinder: str = "bilgen_boulos"
-    regime: str | None = None
+    cylinder: str = "bilgen_boulos"  # correlation of the rim, see `gyrowheel_air.correlations`
+    regime: str | None = None  # regime of the end faces; by default the one in which they are
 
     @property
     def name(self) -> str:
@@ -265,21 +248,15 @@ class Vorticity:
     rotor makes the gap wedge-shaped: columns of air are stretched and squeezed once a turn, keep their vorticity over
     their height, and so a pressure builds up that is odd about the axis of the tilt. Its moment on both faces is
     T1 = -(3 pi/16) rho K^2 Omega^2 R^6/s phi with the end gap s. It has no losses, so it gives no torque across.
-
-    Attributes
-    ----------
-    swirl, swirl_uncertainty : float
-        Core swirl ratio K, and its standard uncertainty: 0.29 .. 0.38 in the flow computations of the shipped rotor.
-    model_uncertainty : float
-        Relative standard uncertainty of the formula itself: it lies within 8 .. 17 % of those computations.
-    cylinder : str
-        Correlation of the rim.
     """
 
+    #: Core swirl ratio K, and its standard uncertainty: 0.29 .. 0.38 in the flow computations of the shipped
+    #: rotor.
     swirl: float = 0.335
     swirl_uncertainty: float = 0.026
+    #: Relative standard uncertainty of the formula itself: it lies within 8 .. 17 % of those computations.
     model_uncertainty: float = 0.15
-    cylinder: str = "bilgen_boulos"
+    cylinder: str = "bilgen_boulos"  # correlation of the rim
 
     @property
     def name(self) -> str:

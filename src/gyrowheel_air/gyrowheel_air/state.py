@@ -19,24 +19,12 @@ _SUTHERLAND_B, _SUTHERLAND_S = 1.458e-6, 110.4
 
 @dataclass(frozen=True)
 class AirState:
-    """The air in the case.
+    """The air in the case."""
 
-    Attributes
-    ----------
-    temperature : float
-        Temperature [K].
-    pressure : float
-        Absolute pressure [Pa].
-    density : float
-        Density [kg/m^3].
-    viscosity : float
-        Dynamic viscosity [Pa s].
-    """
-
-    temperature: float
-    pressure: float
-    density: float
-    viscosity: float
+    temperature: float  # temperature [K]
+    pressure: float  # absolute pressure [Pa]
+    density: float  # density [kg/m^3]
+    viscosity: float  # dynamic viscosity [Pa s]
 
     @classmethod
     def of(cls, temperature: float = 293.15, pressure: float = 101325.0) -> AirState:

@@ -38,18 +38,11 @@ _REACH = 10.0
 
 @dataclass(frozen=True)
 class TorqueTable:
-    """Computed torques over tilt and speed, for one rotor in one case.
+    """Computed torques over tilt and speed, for one rotor in one case."""
 
-    Attributes
-    ----------
-    rows : tuple of Result
-        All rows: the grid, and companions on other meshes, with other models, tilted elsewhere.
-    origin : str
-        Where it was read from, for messages.
-    """
-
+    #: All rows: the grid, and companions on other meshes, with other models, tilted elsewhere.
     rows: tuple[Result, ...]
-    origin: str = "table"
+    origin: str = "table"  # where it was read from, for messages
 
     @classmethod
     def load(cls, source: str | Path = "gyrowheel") -> TorqueTable:
@@ -241,14 +234,9 @@ class Table:
     In another air, or with a rotor and case of the same proportions, the torque follows by similarity:
     T = rho Omega^2 R^5 f(Re, tilt). Tilts and spin rates beyond the table's are refused. A thinner or denser air leads
     to Reynolds numbers beyond it; there the power law at its edge goes on, with an uncertainty that grows.
-
-    Attributes
-    ----------
-    table : TorqueTable
-        The rows.
     """
 
-    table: TorqueTable
+    table: TorqueTable  # the rows
 
     def __post_init__(self) -> None:
         """Refuse a table that is too small to interpolate."""

@@ -24,18 +24,12 @@ class AirTorque:
     Three components on the axes of `tilt_axes`: about the axis of the tilt (negative: back towards the case axis), a
     quarter turn ahead of it round the rotor's axis, and about the rotor's axis (negative: brakes the spin). A component
     that a model does not give is NaN.
-
-    Attributes
-    ----------
-    components, uncertainty : (3,) array
-        The components and their standard uncertainties [N m].
-    axes : (3, 3) array
-        The axes, one a row, in the frame of the case.
     """
 
+    #: The components and their standard uncertainties [N m].
     components: Array
     uncertainty: Array
-    axes: Array
+    axes: Array  # the axes, one a row, in the frame of the case
 
     @property
     def case(self) -> Array:
@@ -101,12 +95,8 @@ def tilt_axes(tilt: float, direction: float = 0.0) -> Array:
 def split_tilt(tilt: ArrayLike) -> tuple[float, float]:
     """Return the angle of a tilt and the direction of its axis [rad] from phi_x and phi_y [rad].
 
-    ``tan phi = |z|`` and the direction is ``arg z`` with ``z = tan phi_x + i tan phi_y``.
-
-    Raises
-    ------
-    InputError
-        If it is not two finite angles below a right angle.
+    ``tan phi = |z|`` and the direction is ``arg z`` with ``z = tan phi_x + i tan phi_y``. Raises InputError
+    if it is not two finite angles below a right angle.
     """
     values = np.asarray(tilt, dtype=float)
     if values.shape != (2,) or not np.all(np.abs(values) < 0.5 * math.pi):
@@ -120,10 +110,7 @@ def check_range(
 ) -> None:
     """Refuse a tilt [rad] or a spin rate [rad/s] outside the range of a table or a fit, named by `source`.
 
-    Raises
-    ------
-    InputError
-        With the value and the allowed range.
+    The error has the value and the allowed range.
     """
     if tilt > tilt_limit * (1.0 + 1e-9):
         raise InputError(
@@ -138,12 +125,6 @@ def check_range(
 
 
 def check_speed(spin_rate: float) -> None:
-    """Refuse a spin rate that is not above zero.
-
-    Raises
-    ------
-    InputError
-        See above.
-    """
+    """Refuse a spin rate that is not above zero."""
     if not (math.isfinite(spin_rate) and spin_rate > 0.0):
         raise InputError(f"spin rate: {spin_rate:g} rad/s is out of range; allowed: > 0")

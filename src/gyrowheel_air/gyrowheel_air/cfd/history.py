@@ -21,23 +21,14 @@ SCATTER_LIMIT = 0.02
 
 @dataclass(frozen=True)
 class Torque:
-    """The torque of a run averaged over its last iterations, on axes that the caller chose.
+    """The torque of a run averaged over its last iterations, on axes that the caller chose."""
 
-    Attributes
-    ----------
-    mean, scatter, drift : (3,) array
-        Mean; standard deviation over the iterations; mean of the second half less that of the first [N m].
-    pressure : (3,) array
-        The share of the pressure in the mean [N m]; the rest is friction.
-    window : int
-        Iterations averaged.
-    """
-
+    #: Mean; standard deviation over the iterations; mean of the second half less that of the first [N m].
     mean: Array
     scatter: Array
     drift: Array
-    pressure: Array
-    window: int
+    pressure: Array  # the share of the pressure in the mean [N m]; the rest is friction
+    window: int  # iterations averaged
 
     @property
     def settled(self) -> bool:
@@ -155,27 +146,13 @@ def average(total: Array, pressure: Array, axes: Array, window: int) -> Torque:
 
 @dataclass(frozen=True)
 class SolverLog:
-    """Content of the solver's log.
+    """Content of the solver's log."""
 
-    Attributes
-    ----------
-    version : str or None
-        OpenFOAM's version.
-    iterations : int
-        Iterations done.
-    residuals : dict of str to float
-        Initial residual of each field in the last iteration.
-    seconds : float
-        CPU time [s].
-    finished : bool
-        Whether it came to its end.
-    """
-
-    version: str | None
-    iterations: int
-    residuals: dict[str, float]
-    seconds: float
-    finished: bool
+    version: str | None  # openFOAM's version
+    iterations: int  # iterations done
+    residuals: dict[str, float]  # initial residual of each field in the last iteration
+    seconds: float  # CPU time [s]
+    finished: bool  # whether it came to its end
 
 
 def read_log(text: str) -> SolverLog:

@@ -25,32 +25,23 @@ _CORE, _CORE_SIDE = 0.5, 0.43
 
 @dataclass(frozen=True)
 class Resolution:
-    """How fine a mesh is.
-
-    Attributes
-    ----------
-    name : str
-        What it is called.
-    quadrant, rotor, gap, ends, mid : int
-        Cells: round a quarter turn; from the core to the rotor's radius; across the rim gap; across each end gap;
-        along the rim.
-    stretch_gap, stretch_ends, stretch_mid, stretch_rotor : float
-        Size of the largest over the smallest cell: across the rim gap and the end gaps (fine at both walls), along the
-        rim (fine at both edges of the rotor), from the core to the rotor's edge (fine at the edge).
-    wall_functions : bool
-        Whether the cells at the wall are as large as wall functions need; else they resolve the wall layer.
-    """
+    """How fine a mesh is."""
 
     name: str
+    #: Cells: round a quarter turn; from the core to the rotor's radius; across the rim gap; across each end
+    #: gap; along the rim.
     quadrant: int
     rotor: int
     gap: int
     ends: int
     mid: int
+    #: Size of the largest over the smallest cell: across the rim gap and the end gaps (fine at both walls),
+    #: along the rim (fine at both edges of the rotor), from the core to the rotor's edge (fine at the edge).
     stretch_gap: float
     stretch_ends: float
     stretch_mid: float
     stretch_rotor: float
+    #: Whether the cells at the wall are as large as wall functions need; else they resolve the wall layer.
     wall_functions: bool
 
     @property
@@ -76,13 +67,7 @@ MESHES: Final[dict[str, Resolution]] = {
 
 
 def get_mesh(name: str) -> Resolution:
-    """Return a resolution by name.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
+    """Return a resolution by name; raises InputError if there is none of that name."""
     if name not in MESHES:
         raise InputError(f"mesh: {name!r} is not known; allowed: {', '.join(MESHES)}")
     return MESHES[name]
@@ -216,13 +201,7 @@ def morph(
 
 
 def check_tilt(geometry: Geometry, tilt: float) -> None:
-    """Refuse a tilt for which there is no mesh.
-
-    Raises
-    ------
-    InputError
-        See above.
-    """
+    """Refuse a tilt for which there is no mesh."""
     if not abs(tilt) <= TILT_LIMIT + 1e-9:
         raise InputError(
             f"tilt: {math.degrees(tilt):g} deg is out of range; the mesh is checked from "

@@ -36,13 +36,7 @@ def available() -> bool:
 
 
 def require() -> None:
-    """Refuse to continue without OpenFOAM.
-
-    Raises
-    ------
-    InputError
-        With one line that says how to install it.
-    """
+    """Refuse to continue without OpenFOAM; the error says how to install it."""
     if not available():
         raise InputError(INSTALL_HINT)
 

@@ -178,10 +178,8 @@ class Link:
     ) -> RunPlan.Result:
         """Send a plan to the conductor and wait for its end.
 
-        Raises
-        ------
-        GraphError
-            If no conductor is there, it refuses or aborts the plan, the plan makes no progress, or a node fails.
+        Raises GraphError if no conductor is there, it refuses or aborts the plan, the plan makes no progress,
+        or a node fails.
         """
         end = time.monotonic() + stall_timeout
         while not self._plans.server_is_ready():

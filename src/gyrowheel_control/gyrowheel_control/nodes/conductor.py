@@ -63,35 +63,18 @@ TRACKING_LOST = "tracking_lost"
 
 @dataclass
 class Walk:
-    """A plan in progress.
+    """A plan in progress."""
 
-    Attributes
-    ----------
-    goal, plan, setpoints : ServerGoalHandle, Plan, ndarray
-        The goal of the action, its plan, and the setpoints of the plan.
-    tilt_limit : float
-        Tilt limit of the plan [rad].
-    waits_for : str
-        The condition that is missing before the start.
-    start_ns : int or None
-        Time of the start [ns]; None before it.
-    deadline : float
-        Time up to which subscribers may appear, by `time.monotonic` [s].
-    timeless : float or None
-        Time since which only the bench's time is missing, by the same clock [s].
-    told : tuple of int
-        Segment and second of the last feedback.
-    """
-
+    #: The goal of the action, its plan, and the setpoints of the plan.
     goal: ServerGoalHandle
     plan: Plan
     setpoints: NDArray[Any]
-    tilt_limit: float
-    waits_for: str = "somebody who listens to the setpoints"
-    start_ns: int | None = None
-    deadline: float = 0.0
-    timeless: float | None = None
-    told: tuple[int, int] = (-1, -1)
+    tilt_limit: float  # tilt limit of the plan [rad]
+    waits_for: str = "somebody who listens to the setpoints"  # the condition that is missing before the start
+    start_ns: int | None = None  # time of the start [ns]; None before it
+    deadline: float = 0.0  # time up to which subscribers may appear, by `time.monotonic` [s]
+    timeless: float | None = None  # time since which only the bench's time is missing, by the same clock [s]
+    told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
 
 
 class PlanServer(ActionServer):

@@ -62,10 +62,7 @@ class Efforts:
 def efforts_of(names: Sequence[str], values: Sequence[float]) -> tuple[float, float, float]:
     """Return the efforts in the order of their voltages from a message; other joints in it are left alone.
 
-    Raises
-    ------
-    InputError
-        If a joint is missing or named twice, or an effort is missing or no number.
+    Raises InputError if a joint is missing or named twice, or an effort is missing or no number.
     """
     if len(values) != len(names):
         raise InputError(f"effort: {len(values)} values for {len(names)} joints; allowed: one for each")

@@ -64,26 +64,7 @@ from gyrowheel_core.node.requests import RepeatedRequest
 from gyrowheel_core.start_node import PARENT_VARIABLE
 
 __all__ = [
-    "AUTOSTART",
-    "PARENT_VARIABLE",
-    "PRIORITY",
-    "SURPLUS",
-    "TORN",
-    "WAITS_FOR",
-    "WARN",
-    "BenchNode",
-    "ExitCode",
-    "Fault",
-    "Inbox",
-    "Newcomers",
-    "NodeStatus",
-    "Param",
-    "RepeatedRequest",
-    "StopSignals",
-    "is_refused",
-    "make_executor",
-    "parameter_help",
-    "prepare_environment",
-    "run_node",
-    "spin",
-]
+    "AUTOSTART", "PARENT_VARIABLE", "PRIORITY", "SURPLUS", "TORN", "WAITS_FOR", "WARN", "BenchNode",
+    "ExitCode", "Fault", "Inbox", "Newcomers", "NodeStatus", "Param", "RepeatedRequest", "StopSignals",
+    "is_refused", "make_executor", "parameter_help", "prepare_environment", "run_node", "spin",
+]  # fmt: skip

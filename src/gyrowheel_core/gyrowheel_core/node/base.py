@@ -65,20 +65,11 @@ class Fault(RuntimeError):
 
 @dataclass
 class NodeStatus:
-    """Status of a node, as published on ``/diagnostics``.
+    """Status of a node, as published on ``/diagnostics``."""
 
-    Attributes
-    ----------
-    message : str
-        One line.
-    values : mapping of str to object
-        Named values, published as text.
-    level : bytes
-        Level of `diagnostic_msgs.msg.DiagnosticStatus`: ``OK``, ``WARN`` or ``ERROR``.
-    """
-
-    message: str = "running"
-    values: Mapping[str, object] = field(default_factory=dict)
+    message: str = "running"  # one line
+    values: Mapping[str, object] = field(default_factory=dict)  # named values, published as text
+    #: Level of `diagnostic_msgs.msg.DiagnosticStatus`: ``OK``, ``WARN`` or ``ERROR``.
     level: bytes = DiagnosticStatus.OK
 
 

@@ -225,10 +225,7 @@ def _declares(topic: TopicData, layout: Layout, where: str) -> bool:
 def is_earlier(topic: TopicData | None, layout: Layout, where: str) -> bool:
     """Whether a topic has an earlier version of a type, which lacks fields of the layout.
 
-    Raises
-    ------
-    InputError
-        If the definition of the type cannot be read; it names `where`.
+    Raises InputError if the definition of the type cannot be read; it names `where`.
     """
     if topic is None or topic.type_name != layout.type_name or not topic.definition:
         return False

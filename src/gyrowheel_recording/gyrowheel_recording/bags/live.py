@@ -149,13 +149,9 @@ class LiveRecording:
     def take(self, topic: Topic, data: bytes, number: int | None = None) -> bool:
         """Write one message; return False if it is the first sample of another run, which is not written.
 
-        A recording is of one run: a sample of another publisher is left out and counted as surplus. `number` is the
-        number that its publisher gave the message, where known.
-
-        Raises
-        ------
-        InputError
-            If the disk refuses it.
+        A recording is of one run: a sample of another publisher is left out and counted as surplus. `number`
+        is the number that its publisher gave the message, where known. Raises InputError if the disk refuses
+        it.
         """
         try:
             stamp = None if topic.layout is None else wire.stamp(data)
@@ -181,13 +177,7 @@ class LiveRecording:
         return True
 
     def close(self) -> None:
-        """Complete the recording.
-
-        Raises
-        ------
-        InputError
-            If the disk refuses it.
-        """
+        """Complete the recording; raises InputError if the disk refuses it."""
         self._write_early(0)
         self._state()
         self.writer.close()

@@ -40,10 +40,7 @@ class Metadata:
     def require_readable(self, file: Path) -> None:
         """Refuse metadata that cannot be followed; the error names `file`.
 
-        Raises
-        ------
-        InputError
-            If a file is named twice, or the storage or the compression is not known.
+        Raises InputError if a file is named twice, or the storage or the compression is not known.
         """
         if len(set(self.files)) != len(self.files):
             raise InputError(f"{file}: relative_file_paths: a file is named twice")
@@ -60,10 +57,7 @@ class Metadata:
 def read_metadata(file: Path) -> Metadata:
     """Read ``metadata.yaml``.
 
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is not the metadata of a recording.
+    Raises InputError if it cannot be read, or is not the metadata of a recording.
     """
     try:
         content = read_yaml(read_text(file), str(file))[HEADING]
@@ -143,13 +137,7 @@ def metadata_text(content: Any) -> str:
 
 
 def write_metadata(directory: Path, metadata: dict[str, Any]) -> None:
-    """Write ``metadata.yaml``, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the disk refuses it.
-    """
+    """Write ``metadata.yaml``, whole or not at all; raises InputError if the disk refuses it."""
     write_text(directory / METADATA_FILE, metadata_text({HEADING: metadata}))
 
 

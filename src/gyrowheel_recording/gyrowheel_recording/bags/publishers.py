@@ -19,24 +19,12 @@ _LONGEST: Final = 300  # text of an entry [characters]
 
 @dataclass(frozen=True)
 class Publisher:
-    """A publisher of a topic.
-
-    Attributes
-    ----------
-    topic : str
-        The topic.
-    gid : str
-        Its global identifier in the middleware, in hexadecimal digits; empty where it was never seen.
-    node : str
-        Full name of its node; empty where unknown.
-    messages : int or None
-        How many of the recorded messages are its own; None where that is not known.
-    """
+    """A publisher of a topic."""
 
     topic: str
-    gid: str
-    node: str
-    messages: int | None = None
+    gid: str  # its global identifier in the middleware, in hexadecimal digits; empty where it was never seen
+    node: str  # full name of its node; empty where unknown
+    messages: int | None = None  # how many of the recorded messages are its own; None where that is not known
 
 
 @dataclass

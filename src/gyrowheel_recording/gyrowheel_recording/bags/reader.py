@@ -32,33 +32,17 @@ _TEXTS = (topics.ENVIRONMENT, topics.BENCH)
 
 @dataclass(frozen=True)
 class Integrity:
-    """Whether the samples of a recording are complete, by their sequence numbers.
+    """Whether the samples of a recording are complete, by their sequence numbers."""
 
-    Attributes
-    ----------
-    samples : int
-        Different samples.
-    missing : int
-        Samples missing between the recorded ones.
-    gaps : tuple of (int, int)
-        First sequence number and length of each gap, in order.
-    duplicates : int
-        Further copies of a sample; they are dropped.
-    out_of_order : int
-        Samples that follow a later one in the file; they are sorted.
-    not_finite : int
-        Samples with a reading that is not a finite number, or no reading of any bench (`readings.POSSIBLE`).
-    stalls : tuple of (float, float)
-        Where the stamps go on much later although no sample is missing, so that the bench, or what samples it, stood
-        still: start [s from the first sample] and length of each [s], in order.
-    """
-
-    samples: int
-    missing: int = 0
-    gaps: tuple[tuple[int, int], ...] = ()
-    duplicates: int = 0
-    out_of_order: int = 0
+    samples: int  # different samples
+    missing: int = 0  # samples missing between the recorded ones
+    gaps: tuple[tuple[int, int], ...] = ()  # first sequence number and length of each gap, in order
+    duplicates: int = 0  # further copies of a sample; they are dropped
+    out_of_order: int = 0  # samples that follow a later one in the file; they are sorted
+    #: Samples with a reading that is not a finite number, or no reading of any bench (`readings.POSSIBLE`).
     not_finite: int = 0
+    #: Where the stamps go on much later although no sample is missing, so that the bench, or what samples it,
+    #: stood still: start [s from the first sample] and length of each [s], in order.
     stalls: tuple[tuple[float, float], ...] = ()
 
     @property

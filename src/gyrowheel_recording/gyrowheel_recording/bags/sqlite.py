@@ -34,13 +34,7 @@ _DEFINITIONS: Final = ("topic_type", "encoding", "encoded_message_definition")
 
 
 def is_database(file: Path) -> bool:
-    """Whether a file is an sqlite3 database by its first bytes.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
-    """
+    """Whether a file is an sqlite3 database by its first bytes; raises InputError if it cannot be read."""
     try:
         with file.open("rb") as stream:
             return stream.read(len(_HEAD)) == _HEAD

@@ -9,12 +9,6 @@ from gyrowheel_recording.mapping.table_export import export_recording, is_export
 from gyrowheel_recording.mapping.table_import import Imported, import_table
 
 __all__ = [
-    "ColumnMap",
-    "Imported",
-    "Source",
-    "check_suffix",
-    "export_recording",
-    "import_table",
-    "is_exported_map",
+    "ColumnMap", "Imported", "Source", "check_suffix", "export_recording", "import_table", "is_exported_map",
     "is_exported_table",
-]
+]  # fmt: skip

@@ -29,24 +29,12 @@ _TURNS: Final = 0.9 * math.pi
 
 @dataclass(frozen=True)
 class Imported:
-    """Result of an import.
+    """Result of an import."""
 
-    Attributes
-    ----------
-    samples : int
-        Number of samples.
-    seconds : float
-        Time from the first to the last one, and the period of one [s].
-    rate : float
-        Samples in a second.
-    remarks : tuple of str
-        What was done to make a recording of it, and what it lacks.
-    """
-
-    samples: int
-    seconds: float
-    rate: float
-    remarks: tuple[str, ...]
+    samples: int  # number of samples
+    seconds: float  # time from the first to the last one, and the period of one [s]
+    rate: float  # samples in a second
+    remarks: tuple[str, ...]  # what was done to make a recording of it, and what it lacks
 
 
 def import_table(

@@ -30,22 +30,13 @@ Kind = Literal[
 
 @dataclass(frozen=True)
 class Fix:
-    """What makes the columns of a recording right.
+    """What makes the columns of a recording right."""
 
-    Attributes
-    ----------
-    exchange : tuple of (str, str)
-        Pairs of columns to exchange, before all else.
-    scale, offset : dict of str to float
-        Columns to multiply, then to increase [SI].
-    shift : dict of str to float
-        Columns to move to later times [s].
-    """
-
-    exchange: tuple[tuple[str, str], ...] = ()
+    exchange: tuple[tuple[str, str], ...] = ()  # pairs of columns to exchange, before all else
+    #: Columns to multiply, then to increase [SI].
     scale: Mapping[str, float] = field(default_factory=dict)
     offset: Mapping[str, float] = field(default_factory=dict)
-    shift: Mapping[str, float] = field(default_factory=dict)
+    shift: Mapping[str, float] = field(default_factory=dict)  # columns to move to later times [s]
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -98,36 +89,18 @@ def moved(values: Array, steps: int) -> Array:
 
 @dataclass(frozen=True)
 class WrongSetup:
-    """A wrong setup that was recognised.
+    """A wrong setup that was recognised."""
 
-    Attributes
-    ----------
-    kind : Kind
-        What is wrong.
-    columns : tuple of str
-        The columns that are wrong.
-    cure : Cure
-        What makes them right; nothing where the recording cannot be mended.
-    unit : str
-        For ``unit``: the unit in which the readings seem to be.
-    otherwise : tuple of tuple of str
-        Other columns that would explain it as well.
-    before, after : float
-        Part of the readings that physics leaves unexplained, as recorded and corrected.
-    recording : str
-        Path of the recording.
-    value : float
-        A reading that shows it, in the unit that it should have; NaN where none does.
-    """
-
-    kind: Kind
-    columns: tuple[str, ...]
-    cure: Fix = Fix()
-    unit: str = ""
-    otherwise: tuple[tuple[str, ...], ...] = ()
+    kind: Kind  # what is wrong
+    columns: tuple[str, ...]  # the columns that are wrong
+    cure: Fix = Fix()  # what makes them right; nothing where the recording cannot be mended
+    unit: str = ""  # for ``unit``: the unit in which the readings seem to be
+    otherwise: tuple[tuple[str, ...], ...] = ()  # other columns that would explain it as well
+    #: Part of the readings that physics leaves unexplained, as recorded and corrected.
     before: float = float("nan")
     after: float = float("nan")
-    recording: str = ""
+    recording: str = ""  # path of the recording
+    #: A reading that shows it, in the unit that it should have; NaN where none does.
     value: float = float("nan")
 
     def to_json(self) -> dict[str, Any]:

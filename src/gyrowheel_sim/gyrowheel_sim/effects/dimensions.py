@@ -24,14 +24,9 @@ _UNKNOWN = "?"  # stands for the unit of a coefficient that has none
 
 @dataclass(frozen=True)
 class Unit:
-    """A product of powers of units.
+    """A product of powers of units."""
 
-    Attributes
-    ----------
-    powers : dict of str to Fraction
-        Exponents of the units by the names that pint has for them.
-    """
-
+    #: Exponents of the units by the names that pint has for them.
     powers: Mapping[str, Fraction] = field(default_factory=dict)
 
     @classmethod
@@ -133,10 +128,8 @@ def _dimension(name: str) -> dict[str, Fraction]:
 def check_effect(effect: Effect) -> None:
     """Check that every law of an effect has the unit of its target; formulas of users are checked when they are read.
 
-    Raises
-    ------
-    InputError
-        If one has not, or is none that a formula could write; the message has law, place and units.
+    Raises InputError if one has not, or is none that a formula could write; the message has law, place and
+    units.
     """
     units = {c.name: c.unit for c in effect.coefficients}
     for law in effect.laws:

@@ -211,10 +211,8 @@ class Plant:
     def step(self, coil_voltage_x: float, coil_voltage_y: float, motor_voltage: float) -> NDArray[np.float64]:
         """Advance by one sample and return its readings (the array is overwritten by the next call).
 
-        Raises
-        ------
-        InputError
-            If a voltage is not finite. Voltages beyond the limits of the bench are held at the limits.
+        Raises InputError if a voltage is not finite. Voltages beyond the limits of the bench are held at the
+        limits.
         """
         if not (
             math.isfinite(coil_voltage_x) and math.isfinite(coil_voltage_y) and math.isfinite(motor_voltage)

@@ -47,26 +47,15 @@ class ScenarioFile(Section):
 
 @dataclass(frozen=True)
 class Scenario:
-    """True parameters and effects of a simulated machine, and the seed of its noise.
+    """True parameters and effects of a simulated machine, and the seed of its noise."""
 
-    Attributes
-    ----------
-    values : dict of str to float
-        Bench parameters that differ from the bench file [SI].
-    effects : dict
-        Active effects: {name: {coefficient: value}}.
-    noise_seed : int
-        Seed of sensor noise and drift.
-    declared : dict of str to Effect
-        Declarations of the effects that are not registered.
-    machine : str
-        Name of the machine, which reveals nothing about it; empty for the name that `identity` makes.
-    """
-
+    #: Bench parameters that differ from the bench file [SI].
     values: Mapping[str, float] = field(default_factory=dict)
-    effects: EffectValues = field(default_factory=dict)
-    noise_seed: int = 0
+    effects: EffectValues = field(default_factory=dict)  # active effects: {name: {coefficient: value}}
+    noise_seed: int = 0  # seed of sensor noise and drift
+    #: Declarations of the effects that are not registered.
     declared: Mapping[str, Effect] = field(default_factory=dict)
+    #: Name of the machine, which reveals nothing about it; empty for the name that `identity` makes.
     machine: str = ""
 
     def identity(self, bench: Bench) -> str:

@@ -92,12 +92,8 @@ class Batches:
     def next(self, buffer: Buffer) -> Batch | None:
         """Read the next batch; return None behind the end of the data.
 
-        Raises
-        ------
-        Damaged
-            If the file has no record where one must be, or has become shorter.
-        InputError
-            If a record claims more memory than is allowed.
+        Raises Damaged if the file has no record where one must be, or has become shorter. Raises InputError
+        if a record claims more memory than is allowed.
         """
         if self._ended:
             return None

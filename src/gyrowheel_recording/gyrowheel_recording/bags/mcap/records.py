@@ -76,10 +76,7 @@ class Chunk:
 def open_chunk(contents: memoryview, where: str) -> Chunk:
     """Open the contents of a chunk record.
 
-    Raises
-    ------
-    Damaged
-        If they contradict what the record states; the message names `where`.
+    Raises Damaged if they contradict what the record states; the message names `where`.
     """
     fields = Fields(contents)
     start, end, size, checksum = fields.numbers(CHUNK_HEAD)
@@ -143,13 +140,8 @@ class Indexed:
 def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: str) -> Found:
     """Find the messages in chunks by their index, and all records between them.
 
-    `chunks` has the records of each chunk and the contents of its index records; messages missing from the index are
-    found too.
-
-    Raises
-    ------
-    Damaged
-        If an index does not fit, or a record is cut off; it names `where`.
+    `chunks` has the records of each chunk and the contents of its index records; messages missing from the
+    index are found too. Raises Damaged if an index does not fit, or a record is cut off; it names `where`.
     """
     records = chunks[0][0] if len(chunks) == 1 else memoryview(b"".join(part for part, _ in chunks))
     stops = np.cumsum([len(part) for part, _ in chunks])

@@ -112,10 +112,7 @@ class Survey:
 def take_survey(stream: BinaryIO, name: str, progress: Callable[[float], None]) -> Survey:
     """Survey a file in any state; `progress` is called with the fraction done.
 
-    Raises
-    ------
-    InputError
-        If a part of it claims more memory than is allowed; it names `name`.
+    Raises InputError if a part of it claims more memory than is allowed; it names `name`.
     """
     return _Walk(stream, name, progress).run()
 
@@ -357,10 +354,7 @@ class _Walk:
 def _examine(body: bytes, index: Sequence[bytes], where: str) -> tuple[Chunk, Found, bool, str]:
     """Open a chunk and find its messages; return also whether a checksum covers it, and a note.
 
-    Raises
-    ------
-    Damaged
-        If the chunk is damaged.
+    Raises Damaged if the chunk is damaged.
     """
     try:
         chunk = open_chunk(memoryview(body), where)

@@ -128,12 +128,8 @@ class McapWriter:
     def append_chunk(self, records: memoryview, index: Mapping[int, npt.NDArray[np.uint64]]) -> None:
         """Write the uncompressed records of a chunk of another file whose schemas and channels were adopted.
 
-        `index` has log time and place of its messages, shape (n, 2), by channel; not empty.
-
-        Raises
-        ------
-        OSError
-            If the disk refuses it.
+        `index` has log time and place of its messages, shape (n, 2), by channel; not empty. Raises OSError if
+        the disk refuses it.
         """
         times = [pairs[:, 0] for pairs in index.values()]
         start, end = min(int(part.min()) for part in times), max(int(part.max()) for part in times)
@@ -145,12 +141,7 @@ class McapWriter:
     def append(self, channel: int, log_time: int, data: bytes) -> None:
         """Write one message.
 
-        Raises
-        ------
-        ValueError
-            If the time is negative.
-        OSError
-            If the disk refuses it.
+        Raises ValueError if the time is negative. Raises OSError if the disk refuses it.
         """
         offset = len(self._buffer)
         try:
@@ -175,12 +166,8 @@ class McapWriter:
     def append_blocks(self, blocks: Sequence[Block]) -> None:
         """Write whole columns of messages, merged by time (at equal times in the order of the blocks).
 
-        Raises
-        ------
-        ValueError
-            If a time is negative, or the times of a block do not ascend.
-        OSError
-            If the disk refuses it.
+        Raises ValueError if a time is negative, or the times of a block do not ascend. Raises OSError if the
+        disk refuses it.
         """
         self.flush()
         blocks = [block for block in blocks if len(block.times)]
@@ -258,10 +245,7 @@ class McapWriter:
     def require_length(self) -> None:
         """Require that the file is as long as what was written: after a cut, writing goes on behind a hole of zeros.
 
-        Raises
-        ------
-        OSError
-            If it is not.
+        Raises OSError if it is not.
         """
         found = os.fstat(self._file.fileno()).st_size
         if found != self._position:
@@ -273,10 +257,8 @@ class McapWriter:
     def finish(self, metadata: str) -> None:
         """Complete the file with rosbag2's metadata for it (YAML), and close it.
 
-        Raises
-        ------
-        OSError
-            If the disk refuses it; the file then ends with its last chunk and can be finished later.
+        Raises OSError if the disk refuses it; the file then ends with its last chunk and can be finished
+        later.
         """
         self.flush()
         if self._buffer:  # channels without messages

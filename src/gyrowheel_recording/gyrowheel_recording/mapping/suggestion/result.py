@@ -42,39 +42,17 @@ class Problem:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A map for a table.
-
-    Attributes
-    ----------
-    table : str
-        The table.
-    kind : str
-        Its format.
-    proposals : tuple of Proposal
-        What its columns seem to be.
-    problems : tuple of Problem
-        All that is doubtful or missing.
-    setups : tuple of WrongSetup
-        Violations of the laws of the wheel by the map.
-    unused : tuple of str
-        Columns that the map leaves out.
-    remarks : tuple of str
-        What an import by the map does.
-    content : dict
-        The map file.
-    recording : Recording or None
-        What the map makes of the table, if it can be imported.
-    """
+    """A map for a table."""
 
     table: str
-    kind: str
-    proposals: tuple[Proposal, ...]
-    problems: tuple[Problem, ...]
-    setups: tuple[WrongSetup, ...] = ()
-    unused: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-    content: Mapping[str, Any] = field(default_factory=dict)
-    recording: Recording | None = None
+    kind: str  # its format
+    proposals: tuple[Proposal, ...]  # what its columns seem to be
+    problems: tuple[Problem, ...]  # all that is doubtful or missing
+    setups: tuple[WrongSetup, ...] = ()  # violations of the laws of the wheel by the map
+    unused: tuple[str, ...] = ()  # columns that the map leaves out
+    remarks: tuple[str, ...] = ()  # what an import by the map does
+    content: Mapping[str, Any] = field(default_factory=dict)  # the map file
+    recording: Recording | None = None  # what the map makes of the table, if it can be imported
 
     @property
     def settled(self) -> bool:

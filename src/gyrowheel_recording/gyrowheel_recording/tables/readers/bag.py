@@ -47,10 +47,7 @@ class Decoders:
     def of(self, topic: TopicData, digest: str = "") -> Callable[[bytes], Any]:
         """Return what makes objects of the messages of a topic, whose definition has a checksum or none.
 
-        Raises
-        ------
-        InputError
-            If their type cannot be read; so does what is returned, if a message cannot.
+        Raises InputError if their type cannot be read; so does what is returned, if a message cannot.
         """
         key = topic.type_name, topic.definition, digest
         if key not in self._known:

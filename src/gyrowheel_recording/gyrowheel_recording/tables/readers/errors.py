@@ -84,10 +84,7 @@ def object_remarks(
 ) -> list[str]:
     """Return the remarks on variables that are objects, by their names and classes.
 
-    Raises
-    ------
-    InputError
-        If there is nothing else in the file.
+    Raises InputError if there is nothing else in the file.
     """
     said = [
         f"{name} is an object of MATLAB, a {kind}, which MATLAB alone can read: {_CURES.get(kind, _OTHERWISE)}"

@@ -108,10 +108,7 @@ _OLD_FIRST: Final = 68
 def require_links(path: Path) -> None:
     """Refuse a file whose lists have no end, or that unpacks to more than the limit.
 
-    Raises
-    ------
-    InputError
-        If it does, or is damaged so that it could.
+    Raises InputError if it does, or is damaged so that it could.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         if data[8:9] == _OLDEST_OF_4:

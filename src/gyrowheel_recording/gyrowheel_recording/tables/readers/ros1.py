@@ -66,10 +66,7 @@ class Bag:
     def messages(self) -> Iterator[tuple[Connection, int, memoryview]]:
         """Yield each message with its connection and the time at which it was logged [ns].
 
-        Raises
-        ------
-        InputError
-            If the bag is damaged, was not completed, or grows to more than the limit.
+        Raises InputError if the bag is damaged, was not completed, or grows to more than the limit.
         """
         with self._path.open("rb") as file:
             left = os.fstat(file.fileno()).st_size - len(_VERSION)
