@@ -37,7 +37,7 @@ HOUSE = (
             ("arrays", "errors", "wire", "cache", "start_node"),
             ("units", "files", "schema", "yaml_text", "readings", "topics", "processes", "origin_guard"),
             ("namespaces",),
-            ("quantities", "node", "locks", "limits"),
+            ("quantities", "node", "locks"),
             ("journal",),
         ),
     ),
@@ -45,7 +45,7 @@ HOUSE = (
         "gyrowheel_sim",
         "physics of the bench",
         (
-            ("jit", "environment", "columns"),
+            ("jit", "environment"),
             ("parameter",),
             ("bench", "instruments"),
             ("effects", "mechanics"),
@@ -57,9 +57,9 @@ HOUSE = (
         "gyrowheel_air",
         "torque of the air",
         (
-            ("geometry", "state"),
+            ("geometry",),
             ("torque",),
-            ("correlations", "cfd.history", "cfd"),
+            ("correlations", "cfd"),
             ("table",),
             ("flow", "surrogate"),
             ("check", "cfd.sweep"),
@@ -90,7 +90,7 @@ HOUSE = (
         "gyrowheel_bringup",
         "the graph of nodes",
         (
-            ("graph", "preload", "viewers", "websocket_proxy"),
+            ("graph", "preload", "viewers"),
             ("foxglove_process", "replay_session", "foxglove_node"),
         ),
     ),

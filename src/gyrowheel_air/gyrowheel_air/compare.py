@@ -9,10 +9,9 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import MACH_LIMIT, AirState, density_change, reynolds_number
 from gyrowheel_air.surrogate import MODELS, coefficients, get_model, options_of
 from gyrowheel_air.table import TorqueTable
-from gyrowheel_air.torque import AirTorque, split_tilt
+from gyrowheel_air.torque import MACH_LIMIT, AirState, AirTorque, density_change, reynolds_number, split_tilt
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 

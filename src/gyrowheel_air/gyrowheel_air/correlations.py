@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import AirState, reynolds_number
-from gyrowheel_air.torque import AirTorque, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import AirState, AirTorque, check_speed, reynolds_number, split_tilt, tilt_axes
 from gyrowheel_core.errors import InputError
 
 CYLINDERS: Final = ("bilgen_boulos", "wendt", "vrancik")
@@ -72,14 +71,8 @@ class Drag:
 def disc_coefficient(regime: str, reynolds: float, gap_ratio: float) -> float:
     """Return Cm = T / (rho Omega^2 a^5 / 2) of both faces of a disc in one regime (Daily & Nece).
 
-    Parameters
-    ----------
-    regime : str
-        ``"I"`` .. ``"IV"``.
-    reynolds : float
-        rho Omega a^2/mu.
-    gap_ratio : float
-        Gap between disc and case over the disc's radius, s/a.
+    `regime`: ``"I"`` .. ``"IV"``. `reynolds`: rho Omega a^2/mu; `gap_ratio`: gap between disc and case over
+    the disc's radius, s/a.
     """
     if regime == "I":
         return 2.0 * math.pi / (gap_ratio * reynolds)
@@ -120,14 +113,8 @@ def disc_regime(reynolds: float, gap_ratio: float) -> str:
 def cylinder_coefficient(kind: str, gap_reynolds: float, gap_ratio: float) -> float:
     """Return C = T / (pi rho Omega^2 R^4 L / 2) of a cylinder in a cylinder.
 
-    Parameters
-    ----------
-    kind : str
-        Of `CYLINDERS`.
-    gap_reynolds : float
-        rho Omega R t/mu with the gap t.
-    gap_ratio : float
-        Gap over the inner radius, t/R.
+    `kind`: of `CYLINDERS`; `gap_reynolds`: rho Omega R t/mu with the gap t; `gap_ratio`: gap over the inner
+    radius, t/R.
     """
     if kind == "bilgen_boulos":
         for limit, factor, power in ((64.0, 10.0, -1.0), (500.0, 2.0, -0.6), (1e4, 1.03, -0.5)):

@@ -19,9 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrowheel_air.correlations import Correlation, Vorticity
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import AirState
 from gyrowheel_air.table import Table, TorqueTable
-from gyrowheel_air.torque import AirModel, AirTorque, check_range, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import (
+    AirModel,
+    AirState,
+    AirTorque,
+    check_range,
+    check_speed,
+    split_tilt,
+    tilt_axes,
+)
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
@@ -95,10 +102,8 @@ class Surrogate:
     ) -> dict[str, dict[str, tuple[float, float]]]:
         """Return value and standard uncertainty of each coefficient of each effect, by the effects' names [SI].
 
-        Parameters
-        ----------
-        reference_speed, reference_density : float
-            Spin rate [rad/s] and density [kg/m^3] at which the sizes are wanted: those of the bench.
+        `reference_speed`, `reference_density`: spin rate [rad/s] and density [kg/m^3] at which the sizes are
+        wanted: those of the bench.
         """
         found = {}
         for (effect, name), law in zip(EFFECTS, self.laws, strict=True):

@@ -18,8 +18,15 @@ from scipy.interpolate import RegularGridInterpolator
 
 from gyrowheel_air.cfd.case import Case, Result
 from gyrowheel_air.geometry import LENGTHS, Geometry
-from gyrowheel_air.state import AirState, reynolds_number
-from gyrowheel_air.torque import AirTorque, check_range, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import (
+    AirState,
+    AirTorque,
+    check_range,
+    check_speed,
+    reynolds_number,
+    split_tilt,
+    tilt_axes,
+)
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.units import DEG, RPM
@@ -278,9 +285,7 @@ class Table:
         mesh, model = self.table.spread
         relative = np.sqrt(mesh**2 + model**2 + (_EXPONENT_UNCERTAINTY * beyond) ** 2)
         return AirTorque(
-            scale * values,
-            scale * np.hypot(scatter, relative * np.abs(values)),
-            tilt_axes(angle, direction),
+            scale * values, scale * np.hypot(scatter, relative * np.abs(values)), tilt_axes(angle, direction)
         )
 
     def _check(self, geometry: Geometry, angle: float, spin_rate: float) -> None:

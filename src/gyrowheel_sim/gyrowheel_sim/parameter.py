@@ -255,18 +255,9 @@ def unknown(names: Iterable[Any]) -> list[str]:
 def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[str, Parameter]:
     """Return the parameters of a bench in SI units.
 
-    Parameters
-    ----------
-    entries : dict of str to ParameterEntry
-        What the file states.
-    where : str
-        File and field, for messages.
-
-    Raises
-    ------
-    InputError
-        If parameters other than those of instruments are missing, or some are unknown, have units of another kind,
-        values out of range or groups that the analysis does not know; one message lists all problems.
+    `entries`: what the file states; `where`: file and field, for messages. Raises InputError if parameters
+    other than those of instruments are missing, or some are unknown, have units of another kind, values out
+    of range or groups that the analysis does not know; one message lists all problems.
     """
     known = _known()
     wrong = unknown(entries)

@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_air.cfd import dictionaries, openfoam, polymesh
-from gyrowheel_air.cfd.history import Torque, average, read_history, read_log
 from gyrowheel_air.cfd.mesh import MESHES, block_mesh_dict, check_tilt, get_mesh, morph
+from gyrowheel_air.cfd.openfoam import Torque, average, read_history, read_log
 from gyrowheel_air.geometry import LENGTHS, Geometry
-from gyrowheel_air.state import AirState
-from gyrowheel_air.torque import tilt_axes
+from gyrowheel_air.torque import AirState, tilt_axes
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import write_text
 from gyrowheel_core.units import DEG, RPM

@@ -104,11 +104,7 @@ def block_mesh_dict(geometry: Geometry, resolution: Resolution) -> str:
                     f"({' '.join(_n(v) for v in middle)})"
                 )
     r = resolution
-    gap, ends, mid = (
-        both_sides(r.stretch_gap),
-        both_sides(r.stretch_ends),
-        both_sides(r.stretch_mid),
-    )
+    gap, ends, mid = (both_sides(r.stretch_gap), both_sides(r.stretch_ends), both_sides(r.stretch_mid))
     out = _n(1.0 / r.stretch_rotor)
     blocks = []
     patches: dict[str, list[str]] = {"rotor": [], "case": []}
@@ -166,21 +162,9 @@ def morph(
     Points on the rotor turn with it as a rigid body; points on the case slide along the case; what lies between follows
     the walls in proportion to its distance.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-        Points of the upright mesh [m].
-    geometry : Geometry
-        Rotor and case.
-    tilt : float
-        Angle of the tilt [rad], at most `TILT_LIMIT` in size.
-    direction : float
-        Angle of the axis of the tilt from the case's x axis [rad].
-
-    Raises
-    ------
-    InputError
-        If the rotor would come too near to the case, or the tilt is beyond the limit.
+    `points` (n, 3): points of the upright mesh [m]; `geometry`: rotor and case; `tilt`: angle of the tilt
+    [rad], at most `TILT_LIMIT` in size; `direction`: angle of the axis of the tilt from the case's x axis
+    [rad]. Raises InputError if the rotor would come too near to the case, or the tilt is beyond the limit.
     """
     check_tilt(geometry, tilt)
     turn = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])

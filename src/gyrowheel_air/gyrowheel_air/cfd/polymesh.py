@@ -141,16 +141,9 @@ def write_field(
 ) -> None:
     """Write a field over the cells.
 
-    Parameters
-    ----------
-    path : Path
-        File, in a time folder of a case.
-    name, dimensions : str
-        Name, and dimensions as OpenFOAM writes them without the brackets.
-    values : array or float
-        Values in the cells, shape (cells,) or (cells, 3); a number holds everywhere.
-    patches : dict of str to str
-        Text of the boundary condition of each patch.
+    `path`: file, in a time folder of a case; `name`, `dimensions`: name, and dimensions as OpenFOAM writes
+    them without the brackets; `values`: values in the cells, shape (cells,) or (cells, 3); a number holds
+    everywhere. `patches`: text of the boundary condition of each patch.
     """
     vector = not isinstance(values, float) and values.ndim == 2
     if isinstance(values, float):

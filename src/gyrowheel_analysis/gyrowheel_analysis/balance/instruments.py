@@ -15,7 +15,7 @@ import numpy as np
 
 from gyrowheel_analysis.reduction.windows import HARMONICS, Windows
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, added
-from gyrowheel_sim.instruments.response import held_response, smooth_response
+from gyrowheel_sim.instruments import held_response, smooth_response
 
 Smooth = Literal["tilt", "spin_angle"]
 Held = Literal["coil_voltage", "motor_voltage", "motor_current"]

@@ -25,7 +25,7 @@ from gyrowheel_analysis.reduction.windows import Coverage, Windows
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.bags.sampling import require_rate
+from gyrowheel_recording.bags.reader import require_rate
 from gyrowheel_recording.derived import assumed_errors, lacking, largest_errors, shares, unmeasured
 from gyrowheel_sim.bench import Bench
 

@@ -23,7 +23,7 @@ from gyrowheel_analysis.reduction.quality import taper
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.windows import FORWARD, Windows
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments.response import held_response, smooth_response
+from gyrowheel_sim.instruments import held_response, smooth_response
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

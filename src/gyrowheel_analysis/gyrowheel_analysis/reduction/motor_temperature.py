@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_recording.bags.sampling import PAUSE
+from gyrowheel_recording.bags.reader import PAUSE
 from gyrowheel_sim.bench import Bench
 
 #: Bench parameters on which the computed motor temperatures depend.

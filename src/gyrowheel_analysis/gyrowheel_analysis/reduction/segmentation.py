@@ -35,7 +35,7 @@ from gyrowheel_analysis.reduction.windows import (
 from gyrowheel_control.plans.plan import HOLD, Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
-from gyrowheel_recording.bags.sampling import PAUSE, pauses
+from gyrowheel_recording.bags.reader import PAUSE, pauses
 from gyrowheel_sim.bench import Bench
 
 #: Settling time at the start of a steady motion [s]; the spin loop is the slower one.

@@ -31,9 +31,15 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from gyrowheel_control.loops.supervision import Tracking, plan_tilt_limit, tilt_limit
-from gyrowheel_control.nodes.bench_observer import TimeSources, WheelWatch
-from gyrowheel_control.nodes.controller_limit import ControllerLimit
-from gyrowheel_control.nodes.setpoint_stream import SETPOINT_PERIOD_NS, SetpointStream, at_rest, final_hold
+from gyrowheel_control.nodes.bench_exchange import (
+    SETPOINT_PERIOD_NS,
+    ControllerLimit,
+    SetpointStream,
+    TimeSources,
+    WheelWatch,
+    at_rest,
+    final_hold,
+)
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import RAMP, Plan
 from gyrowheel_core import namespaces, topics, wire

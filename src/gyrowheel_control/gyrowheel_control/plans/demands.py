@@ -59,14 +59,7 @@ class Excess(NamedTuple):
 def holding_torque(bench: Bench, spin_rate: float, tilt: float) -> float:
     """Return the torque of the detuned flexures at a tilt [N m].
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    spin_rate : float
-        Spin rate [rad/s].
-    tilt : float
-        Tilt [rad].
+    `spin_rate`: spin rate [rad/s]; `tilt`: tilt [rad].
     """
     stiffness = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
     return abs(stiffness - 0.5 * bench.tuning_inertia * spin_rate * spin_rate) * tilt
@@ -120,16 +113,8 @@ def motor_volts(bench: Bench, spin_rate: float, acceleration: float) -> float:
 def possible_slew(bench: Bench, s: Segment, share: float = 1.0, table: float = 1.0) -> float:
     """Return the rate of the tilt that the coils can follow in a segment [rad/s]; 0 or less where there is none.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    s : Segment
-        The segment, whose speed, tilts and rate table count, not its own rates.
-    share : float
-        Part of what the coils may give.
-    table : float
-        Part of the rate of the table.
+    `s`: the segment, whose speed, tilts and rate table count, not its own rates; `share`: part of what the
+    coils may give; `table`: part of the rate of the table.
     """
     v = bench.value
     torque = share * COIL_SHARE * v("coil_voltage_limit") * v("coil_constant") - held_torque(bench, s)

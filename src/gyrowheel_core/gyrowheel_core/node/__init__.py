@@ -46,8 +46,7 @@ What this gives each node:
 """
 
 from gyrowheel_core.node.base import SURPLUS, WAITS_FOR, WARN, BenchNode, Fault, NodeStatus
-from gyrowheel_core.node.endpoints import Newcomers
-from gyrowheel_core.node.inbox import Inbox
+from gyrowheel_core.node.endpoints import Inbox, Newcomers
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, is_refused
 from gyrowheel_core.node.process import (

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_core.arrays import by_blocks
-from gyrowheel_recording.bags.metadata import METADATA_FILE, read_metadata
-from gyrowheel_recording.bags.publishers import ENTRY, Publisher, from_text
-from gyrowheel_recording.bags.reader import Integrity, Recording
-from gyrowheel_recording.bags.sampling import usual_step
+from gyrowheel_recording.bags.metadata import ENTRY, METADATA_FILE, Publisher, from_text, read_metadata
+from gyrowheel_recording.bags.reader import Integrity, Recording, usual_step
 
 _HOLD = 1  # Setpoint.HOLD
 _SAME_RATE = 0.1  # part by which a mean rate is off where a bench stood still for long

@@ -20,15 +20,15 @@ import numpy.typing as npt
 import zstandard
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import is_file, new_directory, require_new
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import is_file, new_directory, require_new, require_room
 from gyrowheel_core.wire import SECOND
 from gyrowheel_core.yaml_text import read_yaml
-from gyrowheel_recording.bags.mcap.format import CHANNEL, RECORD_HEAD, SCHEMA
+from gyrowheel_recording.bags.mcap import RECORD_HEAD, Op
 from gyrowheel_recording.bags.mcap.records import Damaged, Fields, Found, find_messages
 from gyrowheel_recording.bags.mcap.survey import LOOSE, Gap, Survey, load_piece, take_survey
 from gyrowheel_recording.bags.mcap.writer import McapWriter
 from gyrowheel_recording.bags.metadata import (
+    ENTRY,
     METADATA_FILE,
     BagFile,
     Metadata,
@@ -37,7 +37,6 @@ from gyrowheel_recording.bags.metadata import (
     read_metadata,
     write_metadata,
 )
-from gyrowheel_recording.bags.publishers import ENTRY
 from gyrowheel_recording.bags.read_bag import file_in_memory, read_bag, unpack
 from gyrowheel_recording.bags.reader import Integrity, Recording
 from gyrowheel_recording.bags.writer import being_written
@@ -403,10 +402,10 @@ def _usable(declared: Mapping[tuple[int, int], bytes]) -> tuple[dict[int, bytes]
     """Return the schemas, and the channels that can be parsed, by number."""
     schemas, channels = {}, {}
     for (opcode, number), contents in declared.items():
-        if opcode == SCHEMA:
+        if opcode == Op.SCHEMA:
             schemas[number] = contents
     for (opcode, number), contents in declared.items():
-        if opcode == CHANNEL:
+        if opcode == Op.CHANNEL:
             with contextlib.suppress(Damaged, UnicodeDecodeError):
                 _topic(schemas, contents)
                 channels[number] = contents

@@ -15,7 +15,7 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import require_room
 from gyrowheel_recording.mapping.map_file import TIMESTAMP, ColumnMap, CsvSettings
 from gyrowheel_recording.tables import EMPTY, TextForm, form_of_file, text_of
 from gyrowheel_recording.tables.readers.text_table import dates_of, numbers_of

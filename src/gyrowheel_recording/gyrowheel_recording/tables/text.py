@@ -19,7 +19,7 @@ from typing import Any, Final
 import zstandard
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import largest, require_room
+from gyrowheel_core.files import largest_unpacked, require_room
 
 #: How compressed files begin.
 GZIP: Final = b"\x1f\x8b"
@@ -80,7 +80,7 @@ def text_of(path: Path, *, most: int | None = None) -> bytes:
         if opener is None:
             return raw.read() if most is None else raw.read(most)
         parts, size = [], 0
-        limit = largest()
+        limit = largest_unpacked()
         try:
             while most is None or size < most:
                 part = opener.read(_PIECE if most is None else min(_PIECE, most - size))

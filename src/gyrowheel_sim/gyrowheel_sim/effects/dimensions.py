@@ -140,21 +140,10 @@ def check_effect(effect: Effect) -> None:
 def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str) -> None:
     """Check that a formula has a unit.
 
-    Parameters
-    ----------
-    formula : Formula
-        The formula.
-    units : mapping
-        Units of the coefficients in it; None for the one whose unit is asked for.
-    wanted : str
-        Unit that the whole must have.
-
-    Raises
-    ------
-    MissingUnitError
-        If one coefficient has no unit, and one can be found that fits.
-    InputError
-        If units do not match; the message has the place, the part of the formula, and both units.
+    `units`: units of the coefficients in it; None for the one whose unit is asked for. `wanted`: unit that
+    the whole must have. Raises MissingUnitError if one coefficient has no unit, and one can be found that
+    fits. Raises InputError if units do not match; the message has the place, the part of the formula, and
+    both units.
     """
     known = {name: Unit.of(q.unit) for name, q in QUANTITIES.items()}
     known |= {name: Unit({_UNKNOWN: Fraction(1)}) if u is None else Unit.of(u) for name, u in units.items()}

@@ -169,14 +169,8 @@ class Guard:
     def take(self, answered: int, newest: int, x: float, y: float, motor: float) -> Refusal | None:
         """Check a command; return the reason of its refusal, or None.
 
-        Parameters
-        ----------
-        answered : int
-            Sequence number of the sample that it answers.
-        newest : int
-            That of the newest sample.
-        x, y, motor : float
-            Voltages [V].
+        `answered`: sequence number of the sample that it answers; `newest`: that of the newest sample; `x`,
+        `y`, `motor`: voltages [V].
         """
         if answered > newest:
             return self.refuse(Refusal.AHEAD)
@@ -232,8 +226,7 @@ class Guard:
             self._idle += 1
             if self._idle >= self.limits.watchdog:
                 self._trip(
-                    GuardState.CONTROLLER_LOST,
-                    f"no valid command for {self._idle} samples{self.refusals()}",
+                    GuardState.CONTROLLER_LOST, f"no valid command for {self._idle} samples{self.refusals()}"
                 )
         return self._voltages
 

@@ -18,15 +18,7 @@ import zstandard
 
 from gyrowheel_core.arrays import everywhere, gathered
 from gyrowheel_core.errors import InputError
-from gyrowheel_recording.bags.mcap.format import (
-    CHANNEL,
-    MESSAGE,
-    MESSAGE_HEAD_DTYPE,
-    MESSAGE_OVERHEAD,
-    RECORD_HEAD,
-    SCHEMA,
-    crc32,
-)
+from gyrowheel_recording.bags.mcap import MESSAGE_HEAD_DTYPE, MESSAGE_OVERHEAD, RECORD_HEAD, Op, crc32
 
 #: What signals and messages can be compressed by, generously; only a file made to fill a memory reaches more.
 MOST_COMPRESSED: Final = 1000
@@ -170,9 +162,9 @@ def find(chunks: Indexed, where: str, *, compiled: bool = False) -> Found:
     for position, end in _gaps(chunks.spans, places, stops, where):
         while position < end:
             opcode, start, stop = record_at(records, position, end)
-            if opcode == MESSAGE:
+            if opcode == Op.MESSAGE:
                 further.append(position)
-            elif opcode in (SCHEMA, CHANNEL):
+            elif opcode in (Op.SCHEMA, Op.CHANNEL):
                 others.append((opcode, records[start:stop]))
                 if len(others) > _MOST_DECLARED:
                     raise Damaged(f"damaged: {where} declares more than there are numbers for")
@@ -266,7 +258,7 @@ def _walked(chunks: Indexed, index: npt.NDArray[np.int64]) -> Found | None:
 def load_walk() -> None:
     """Load the compiled loop of `find`: it finds a message of one byte in a chunk of its own."""
     head, index = np.zeros(1, MESSAGE_HEAD_DTYPE), np.zeros(1, _INDEX_HEAD)
-    head["opcode"], head["length"], index["length"] = MESSAGE, MESSAGE_OVERHEAD + 1, _ENTRY.itemsize
+    head["opcode"], head["length"], index["length"] = Op.MESSAGE, MESSAGE_OVERHEAD + 1, _ENTRY.itemsize
     records, content = head.tobytes() + b"\0", index.tobytes() + bytes(_ENTRY.itemsize)
     spans, parts = np.array([[0, len(records)]]), np.array([[0, 0, len(content)]])
     find(Indexed(memoryview(records), spans, memoryview(content), parts), "", compiled=True)
@@ -313,7 +305,7 @@ def heads_at(records: memoryview, places: npt.NDArray[np.int64], where: str) -> 
     heads = gathered(records, places, MESSAGE_HEAD_DTYPE)
     space = (len(records) - RECORD_HEAD.size - places).astype(np.uint64)
     length = heads["length"]
-    if np.any(heads["opcode"] != MESSAGE) or np.any(length < MESSAGE_OVERHEAD) or np.any(length > space):
+    if np.any(heads["opcode"] != Op.MESSAGE) or np.any(length < MESSAGE_OVERHEAD) or np.any(length > space):
         raise Damaged(f"damaged: the index of {where} does not point at messages")
     return heads
 
