@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gyrowheel_control.loops.controller import Controller, loop_code
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.plant.compiled import PlantParameters
 from gyrowheel_sim.plant.machine import Machine, Plant
 from gyrowheel_sim.plant.scenario import Scenario
-from gyrowheel_sim.plant.state import PlantParameters
 
 #: n_x, n_y, their rates, shaft angle and spin rate: the part of the state that every integrator has.
 MECHANICAL = 6

@@ -28,7 +28,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
-from gyrowheel_recording.bags.definitions import definition, typestore
+from gyrowheel_recording.bags.columns import definition, typestore
 from tests.fuzz.damage import mutated
 
 Fraction = Callable[[float], None]

@@ -29,7 +29,6 @@ from gyrowheel.show.figure import png_bytes
 from gyrowheel.show.formulas import in_words, pretty
 from gyrowheel.show.layout import plain_text
 from gyrowheel_analysis.fitting.fit import ERRORS
-from gyrowheel_analysis.signature import Signature, signature
 from gyrowheel_control.plans.adaptation import plan_template
 from gyrowheel_control.plans.format import Block, PlanFile
 from gyrowheel_core.errors import InputError
@@ -46,6 +45,7 @@ from gyrowheel_sim.effects.user_defined_line import typed_effect
 from gyrowheel_sim.mechanics.momentum import Envelope, envelope
 from tools import house, licences, reference
 from tools.effect_picture import to_svg
+from tools.effect_signature import Signature, signature
 
 #: Texts and pictures by path.
 Pages: TypeAlias = dict[Path, str | bytes]

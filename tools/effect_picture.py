@@ -26,8 +26,8 @@ from gyrowheel.show.figure import (
     Picture,
     style,
 )
-from gyrowheel_analysis.signature import RINGS, Curve, Signature
 from gyrowheel_core.units import DEG, RPM
+from tools.effect_signature import RINGS, Curve, Signature
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gyrowheel_air.cfd.case import Case, Result
-from gyrowheel_air.cfd.history import Torque
+from gyrowheel_air.cfd.openfoam import Torque
 from gyrowheel_air.cfd.sweep import plan
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import AirState
 from gyrowheel_air.table import TorqueTable
+from gyrowheel_air.torque import AirState
 from gyrowheel_core.units import DEG, RPM
 
 RECORDED = Path(__file__).parent / "recorded"

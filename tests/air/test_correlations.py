@@ -16,7 +16,7 @@ from gyrowheel_air.correlations import (
     disc_regime,
     drag,
 )
-from gyrowheel_air.state import AirState, density_change, reynolds_number
+from gyrowheel_air.torque import AirState, density_change, reynolds_number
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import RPM
 

@@ -12,11 +12,11 @@ import pytest
 import zstandard
 from rosbags.rosbag2 import CompressionMode
 
-from gyrowheel_core import limits, topics, wire
+from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import LARGEST_VARIABLE
 from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
-from gyrowheel_recording.bags.mcap import survey
-from gyrowheel_recording.bags.mcap.format import CHUNK, DATA_END, FOOTER, HEADER, MAGIC, RECORD_HEAD, SCHEMA
+from gyrowheel_recording.bags.mcap import MAGIC, RECORD_HEAD, Op, survey
 from tests.recording.recordings import foreign, measurements, record
 
 
@@ -29,18 +29,18 @@ def a_text(text: str) -> bytes:
     return struct.pack("<I", len(text)) + text.encode()
 
 
-_BEGIN = MAGIC + a_record(HEADER, a_text("ros2"), a_text("anybody"))
-_DATA_END = a_record(DATA_END, bytes(4))
+_BEGIN = MAGIC + a_record(Op.HEADER, a_text("ros2"), a_text("anybody"))
+_DATA_END = a_record(Op.DATA_END, bytes(4))
 
 
 def the_end(summary: int = 0) -> bytes:
-    return a_record(FOOTER, struct.pack("<QQI", summary, 0, 0)) + MAGIC
+    return a_record(Op.FOOTER, struct.pack("<QQI", summary, 0, 0)) + MAGIC
 
 
 def a_chunk(records: bytes) -> bytes:
     stored = zstandard.compress(records)
     head = struct.pack("<QQQI", 0, 0, len(records), zlib.crc32(records))
-    return a_record(CHUNK, head, a_text("zstd"), struct.pack("<Q", len(stored)), stored)
+    return a_record(Op.CHUNK, head, a_text("zstd"), struct.pack("<Q", len(stored)), stored)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def a_chunk(records: bytes) -> bytes:
     [
         (bytes(20_000_000), "claims 20000000 bytes in "),
         (bytes(9_000), "no record at byte 0 of the chunk at byte "),
-        (a_record(SCHEMA, bytes(14)) * 140_000, "declares more than there are numbers for"),
+        (a_record(Op.SCHEMA, bytes(14)) * 140_000, "declares more than there are numbers for"),
     ],
     ids=["nothing", "no records", "declarations"],
 )
@@ -88,7 +88,7 @@ def test_sparse_record_or_summary_beyond_the_memory_limit_is_refused(
     begin: bytes, end: bytes, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = sparse(tmp_path / "a.mcap", begin, 30_000_000, end)
-    monkeypatch.setenv(limits.VARIABLE, "0.01")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.01")
     with pytest.raises(InputError, match=rf"a\.mcap: {said}.* needs 0\.03 GB of memory"):
         Recording.open(file)
 
@@ -101,7 +101,7 @@ def test_sparse_file_without_records_is_damaged(tmp_path: Path) -> None:
 
 
 def test_conflicting_declarations_of_a_schema_are_damage(tmp_path: Path) -> None:
-    schemas = [a_record(SCHEMA, b"\1\0", a_text(name), a_text(""), a_text("")) for name in ("a", "b")]
+    schemas = [a_record(Op.SCHEMA, b"\1\0", a_text(name), a_text(""), a_text("")) for name in ("a", "b")]
     file = tmp_path / "a.mcap"
     file.write_bytes(_BEGIN + b"".join(schemas) + _DATA_END + the_end())
     with pytest.raises(InputError, match="damaged: schema 1 is declared in two ways"):
@@ -110,12 +110,12 @@ def test_conflicting_declarations_of_a_schema_are_damage(tmp_path: Path) -> None
 
 def test_declarations_count_towards_the_memory_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     schemas = [
-        a_record(SCHEMA, struct.pack("<H", k), a_text(""), a_text(""), a_text("x" * 100_000))
+        a_record(Op.SCHEMA, struct.pack("<H", k), a_text(""), a_text(""), a_text("x" * 100_000))
         for k in range(1, 31)
     ]
     file = tmp_path / "a.mcap"
     file.write_bytes(_BEGIN + b"".join(schemas) + _DATA_END + the_end())
-    monkeypatch.setenv(limits.VARIABLE, "0.001")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.001")
     with pytest.raises(InputError, match="what declares its topics needs"):
         Recording.open(file)
     with pytest.raises(InputError, match="what declares its topics needs"):
@@ -126,7 +126,7 @@ def test_salvage_stops_at_the_limit_of_unpacked_size(tmp_path: Path, monkeypatch
     """Salvage writes chunks as they are unpacked: a small file does not fill the disk."""
     messages = [(k, bytes(100_000)) for k in range(50)]
     path = foreign(tmp_path / "bag", messages, compression=CompressionMode.STORAGE)
-    monkeypatch.setenv(limits.VARIABLE, "0.002")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.002")
     with pytest.raises(InputError, match="is unpacked to beyond its size needs"):
         salvage(path, tmp_path / "saved")
     assert sorted(place.name for place in tmp_path.iterdir()) == ["bag"]
@@ -137,7 +137,7 @@ def chunks(data: bytearray) -> list[int]:
     found, position = [], len(MAGIC)
     while position < len(data) - len(MAGIC):
         opcode, length = RECORD_HEAD.unpack_from(data, position)
-        if opcode == CHUNK:
+        if opcode == Op.CHUNK:
             found.append(position)
         position += RECORD_HEAD.size + length
     return found

@@ -22,7 +22,7 @@ from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_recording.bags.info import info
-from gyrowheel_recording.bags.sampling import PAUSE, pauses
+from gyrowheel_recording.bags.reader import PAUSE, pauses
 from gyrowheel_recording.mislabelled.blocks import Shortened
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.environment import to_json

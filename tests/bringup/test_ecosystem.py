@@ -33,7 +33,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE
 from gyrowheel_core.topics import JOINTS
 from gyrowheel_core.units import DEG
-from gyrowheel_recording.bags.definitions import typestore
+from gyrowheel_recording.bags.columns import typestore
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics.kinematics import axis_of_tilt
 from gyrowheel_sim.plant.scenario import Scenario

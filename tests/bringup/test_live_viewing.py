@@ -18,8 +18,8 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from gyrowheel.simulation.api import record_simulation
+from gyrowheel_bringup.foxglove_node import GuardedProxy, refusal
 from gyrowheel_bringup.viewers import robot_description
-from gyrowheel_bringup.websocket_proxy import GuardedProxy, refusal
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError

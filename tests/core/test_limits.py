@@ -2,30 +2,30 @@
 
 import pytest
 
-from gyrowheel_core import limits
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import LARGEST_VARIABLE, largest_unpacked, require_room
 from gyrowheel_core.yaml_text import read_yaml
 
 
 def test_what_is_too_large_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """The message names the file, what it needs, what is allowed, and what raises the limit."""
-    limits.require_room(1e9, "signals.mcap: it")
-    monkeypatch.setenv(limits.VARIABLE, "0.5")
+    require_room(1e9, "signals.mcap: it")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.5")
     with pytest.raises(InputError) as refused:
-        limits.require_room(1e9, "signals.mcap: it")
+        require_room(1e9, "signals.mcap: it")
     assert str(refused.value) == (
         "signals.mcap: it needs 1 GB of memory; allowed: 0.5 GB (GYROWHEEL_LARGEST_GB raises the limit)"
     )
-    monkeypatch.setenv(limits.VARIABLE, "2")
-    limits.require_room(1e9, "signals.mcap: it")
+    monkeypatch.setenv(LARGEST_VARIABLE, "2")
+    require_room(1e9, "signals.mcap: it")
 
 
 @pytest.mark.parametrize("given", ["x", "-1", "0", "nan", "inf"])
 def test_limit_that_is_none(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A limit that is no number above zero is refused, not ignored."""
-    monkeypatch.setenv(limits.VARIABLE, given)
+    monkeypatch.setenv(LARGEST_VARIABLE, given)
     with pytest.raises(InputError, match="a number of gigabytes above 0"):
-        limits.largest()
+        largest_unpacked()
 
 
 def test_long_yaml_is_refused_at_once() -> None:

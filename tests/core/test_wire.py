@@ -105,7 +105,7 @@ def test_array_is_the_packed_messages(topic, data, stamps):
 
 @BY_NAME
 def test_rosbags_reads_what_is_packed(topic):
-    from gyrowheel_recording.bags.definitions import typestore
+    from gyrowheel_recording.bags.columns import typestore
 
     layout = topic.layout
     numbers = iter(float(k) + 0.5 for k in range(60))

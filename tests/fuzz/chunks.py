@@ -18,20 +18,8 @@ import numpy as np
 
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_recording.bags.columns import wanted
-from gyrowheel_recording.bags.definitions import definition
-from gyrowheel_recording.bags.mcap import batches
-from gyrowheel_recording.bags.mcap.format import (
-    CHANNEL,
-    CHUNK,
-    DATA_END,
-    FOOTER,
-    HEADER,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_INDEX,
-    SCHEMA,
-)
+from gyrowheel_recording.bags.columns import definition, wanted
+from gyrowheel_recording.bags.mcap import MAGIC, Op, batches
 from gyrowheel_recording.bags.mcap.reader import read_mcap
 from gyrowheel_recording.bags.mcap.topics import Want
 
@@ -63,25 +51,27 @@ def record(opcode: int, body: bytes) -> bytes:
 def message(channel: int, time: int, data: bytes, *, length: int | None = None) -> bytes:
     """Return the record of a message."""
     body = struct.pack("<HIQQ", channel, 0, time, time) + data
-    return struct.pack("<BQ", MESSAGE, len(body) if length is None else length) + body
+    return struct.pack("<BQ", Op.MESSAGE, len(body) if length is None else length) + body
 
 
 def index(channel: int, entries: list[tuple[int, int]], *, length: int | None = None) -> bytes:
     """Return an index record; an entry is a time and a place."""
     body = b"".join(struct.pack("<QQ", *entry) for entry in entries)
-    return record(MESSAGE_INDEX, struct.pack("<HI", channel, len(body) if length is None else length) + body)
+    return record(
+        Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(body) if length is None else length) + body
+    )
 
 
 def chunk(records: bytes, *, checked: bool = True) -> bytes:
     """Return the record of a chunk."""
     head = struct.pack("<QQQI", 0, 0, len(records), zlib.crc32(records) if checked else 0)
-    return record(CHUNK, head + _text("") + struct.pack("<Q", len(records)) + records)
+    return record(Op.CHUNK, head + _text("") + struct.pack("<Q", len(records)) + records)
 
 
 def file(parts: list[bytes]) -> bytes:
     """Return a file with these records, without a summary."""
-    head = MAGIC + record(HEADER, _text("ros2") + _text(""))
-    end = record(DATA_END, bytes(4)) + record(FOOTER, bytes(20)) + MAGIC
+    head = MAGIC + record(Op.HEADER, _text("ros2") + _text(""))
+    end = record(Op.DATA_END, bytes(4)) + record(Op.FOOTER, bytes(20)) + MAGIC
     return head + b"".join(parts) + end
 
 
@@ -91,7 +81,7 @@ def declarations() -> bytes:
     for number, (topic, layout) in _LAYOUTS.items():
         name, text = layout.type_name, definition(layout.type_name).text
         schema = struct.pack("<H", number) + _text(name) + _text("ros2msg") + _text(text)
-        parts += [record(SCHEMA, schema), _channel(number, number, topic.name)]
+        parts += [record(Op.SCHEMA, schema), _channel(number, number, topic.name)]
     return b"".join(parts)
 
 
@@ -100,7 +90,7 @@ def _text(text: str) -> bytes:
 
 
 def _channel(number: int, schema: int, name: str) -> bytes:
-    return record(CHANNEL, struct.pack("<HH", number, schema) + _text(name) + _text("cdr") + _text(""))
+    return record(Op.CHANNEL, struct.pack("<HH", number, schema) + _text(name) + _text("cdr") + _text(""))
 
 
 class _Odd:
@@ -144,7 +134,7 @@ def _records(odd: _Odd, begin: int) -> tuple[bytes, dict[int, list[tuple[int, in
         length = rng.choice(_ENDS) if odd(0.02) else None
         body += message(channel, time, _data(channel, odd), length=length)
         if odd(0.02):
-            opcode = rng.choice((0, HEADER, SCHEMA, CHANNEL, MESSAGE, MESSAGE_INDEX, 99))
+            opcode = rng.choice((0, Op.HEADER, Op.SCHEMA, Op.CHANNEL, Op.MESSAGE, Op.MESSAGE_INDEX, 99))
             body += record(opcode, rng.randbytes(rng.choice((0, 3, 21, 22, 40))))
         if odd(0.02):
             body += rng.randbytes(rng.randrange(12))
@@ -190,7 +180,7 @@ def _file(rng: random.Random) -> bytes:
         if odd(0.05):
             parts.append(index(rng.choice((1, 2, 77)), []))
         if odd(0.03):
-            parts.append(record(MESSAGE_INDEX, rng.randbytes(rng.randrange(8))))
+            parts.append(record(Op.MESSAGE_INDEX, rng.randbytes(rng.randrange(8))))
         if odd(0.1):
             parts.append(message(rng.choice((1, 2, _ANYTHING)), 5, b"abc"))
     return file(parts)

@@ -24,8 +24,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text
 from gyrowheel_recording.bags import Recording, RecordingWriter, salvage, write_run
-from gyrowheel_recording.bags.columns import column_dtype
-from gyrowheel_recording.bags.definitions import typestore
+from gyrowheel_recording.bags.columns import column_dtype, typestore
 from gyrowheel_recording.bags.mcap import reader
 from gyrowheel_sim.environment import Environment, to_json
 

@@ -17,7 +17,7 @@ from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import read_text
 from gyrowheel_recording.bags import Recording, RecordingWriter
-from gyrowheel_recording.bags.definitions import definition
+from gyrowheel_recording.bags.columns import definition
 from gyrowheel_recording.mapping import ColumnMap, import_table
 from gyrowheel_recording.tables import read_grid
 from gyrowheel_sim.bench import Bench

@@ -20,7 +20,7 @@ from gyrowheel_analysis.drag.stream import recorded_holds
 from gyrowheel_analysis.model import Model
 from gyrowheel_core import topics, wire
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.bags.definitions import typestore
+from gyrowheel_recording.bags.columns import typestore
 
 from .conftest import Wheel
 from .helpers import DRAG_PLAN, Shell, write

@@ -18,7 +18,7 @@ from benchmarks.independent.machine import COEFFICIENTS, ERRORS, Secret, bench_f
 from benchmarks.independent.sequence import Step, long_sequence, references, short_sequence
 from gyrowheel_analysis.fitting.fit import ERRORS as KNOWN_ERRORS
 from gyrowheel_sim.effects import registry
-from gyrowheel_sim.instruments.response import held_response, smooth_response
+from gyrowheel_sim.instruments import held_response, smooth_response
 from gyrowheel_sim.parameter import INSTRUMENTS
 
 Array = NDArray[np.float64]

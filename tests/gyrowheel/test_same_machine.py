@@ -11,7 +11,7 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.recordings.api import machine_options, note_machine, noted_machine
-from gyrowheel_recording.mislabelled.fixes import Fix, correct
+from gyrowheel_recording.mislabelled import Fix, correct
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 

@@ -32,7 +32,7 @@ from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.origin_guard import is_loopback
-from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup
+from gyrowheel_recording.mislabelled import Fix, WrongSetup
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.plant.scenario import Scenario

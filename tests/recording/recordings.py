@@ -11,8 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
 from gyrowheel.show.layout import plain_text
 from gyrowheel_core import topics, wire
 from gyrowheel_recording.bags import RecordingWriter
-from gyrowheel_recording.bags.columns import column_dtype
-from gyrowheel_recording.bags.definitions import typestore
+from gyrowheel_recording.bags.columns import column_dtype, typestore
 from gyrowheel_sim.environment import Environment, to_json
 
 PERIOD_NS = 500_000

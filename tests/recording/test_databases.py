@@ -9,8 +9,8 @@ import pytest
 import zstandard
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from gyrowheel_core import limits
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import LARGEST_VARIABLE
 from gyrowheel_recording.bags import Recording
 
 from .recordings import assert_counting, foreign, measurements
@@ -136,8 +136,8 @@ def test_messages_that_unpack_without_end(
     messages = [(k, bytes(4_000_000)) for k in range(4)]
     path = foreign(tmp_path / "bag", messages, plugin=plugin, compression=CompressionMode.MESSAGE)
     assert sum(file.stat().st_size for file in path.iterdir()) < 100_000
-    monkeypatch.setenv(limits.VARIABLE, "0.01")
-    with pytest.raises(InputError, match=rf"GB of memory; allowed: 0\.01 GB \({limits.VARIABLE} raises"):
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.01")
+    with pytest.raises(InputError, match=rf"GB of memory; allowed: 0\.01 GB \({LARGEST_VARIABLE} raises"):
         Recording.open(path)
 
 
@@ -147,6 +147,6 @@ def test_a_database_that_unpacks_without_end(tmp_path: Path, monkeypatch: pytest
     (file,) = path.glob("*.zstd")
     file.write_bytes(zstandard.compress(bytes(20_000_000)))
     monkeypatch.setattr("tempfile.tempdir", "/proc/no/such/place")
-    monkeypatch.setenv(limits.VARIABLE, "0.01")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.01")
     with pytest.raises(InputError, match=rf"{file.name}: unpacked it needs more than 0\.01 GB of memory"):
         Recording.open(path)

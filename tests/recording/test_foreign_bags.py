@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.bags.definitions import definition, typestore
+from gyrowheel_recording.bags.columns import definition, typestore
 
 from .recordings import assert_counting, foreign, measurements, objects
 

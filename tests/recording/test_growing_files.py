@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 import zstandard
 
-from gyrowheel_core import limits, topics, wire
+from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import LARGEST_VARIABLE
 from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
 from gyrowheel_recording.mapping.map_file import ColumnMap
 from gyrowheel_recording.mapping.table import Table
@@ -73,8 +74,8 @@ def test_file_that_unpacks_without_end(bag: Path, tmp_path: Path, monkeypatch: p
     with pytest.raises(InputError, match="unpacks to more than 1000 times its size"):
         salvage(bag, tmp_path / "saved")
     assert not (tmp_path / "saved").exists()
-    monkeypatch.setenv(limits.VARIABLE, "0.1")
-    with pytest.raises(InputError, match=f"{limits.VARIABLE} raises the limit"):
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.1")
+    with pytest.raises(InputError, match=f"{LARGEST_VARIABLE} raises the limit"):
         Recording.open(bag)
 
 
@@ -82,7 +83,7 @@ def test_messages_beyond_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """A recording of more than the limit is refused with the topic and the variable named."""
     with RecordingWriter(tmp_path / "run") as writer:
         writer.write(topics.BENCH, wire.pack_text("x" * 3_000_000), 0)
-    monkeypatch.setenv(limits.VARIABLE, "0.002")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.002")
     with pytest.raises(
         InputError, match=r"run_0\.mcap: what is recorded on /gyrowheel/bench needs 0\.003 GB"
     ):
@@ -95,7 +96,7 @@ def test_table_of_one_repeated_value(tmp_path: Path, monkeypatch: pytest.MonkeyP
     table = pa.table(dict.fromkeys(("t", *_MEASURED), column))
     pq.write_table(table, tmp_path / "table.parquet")
     (tmp_path / "map.yaml").write_text(_MAP)
-    monkeypatch.setenv(limits.VARIABLE, "0.005")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.005")
     with pytest.raises(InputError, match="its table of 200000 rows needs"):
         Table(tmp_path / "table.parquet", ColumnMap.load(tmp_path / "map.yaml"))
 
@@ -207,7 +208,7 @@ def test_a_structure_of_matlab_that_unpacks_without_end(
     savemat(tmp_path / "t.mat", {"run": {"a": np.zeros(1_000_000)}}, do_compression=True)
     assert (tmp_path / "t.mat").stat().st_size < 20_000
     assert len(read_grid(tmp_path / "t.mat").columns["run.a"].values) == 1_000_000
-    monkeypatch.setenv(limits.VARIABLE, "0.01")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.01")
     with pytest.raises(InputError, match=r"unpacked, it needs 0\.016 GB of memory"):
         read_grid(tmp_path / "t.mat")
 
@@ -263,7 +264,7 @@ def test_a_chunk_of_hdf5_that_unpacks_without_end(tmp_path: Path, monkeypatch: p
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
             data = file.create_dataset("x", (8,), "<f8", chunks=(8,), compression="gzip", fletcher32=False)
             data.id.write_direct_chunk((0,), zlib.compress(content))
-    monkeypatch.setenv(limits.VARIABLE, "0.001")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.001")
     assert read_grid(tmp_path / "good.h5").columns["x"].values.tolist() == list(range(8))
     with pytest.raises(InputError, match="x: damaged: a chunk unpacks to more than the 64 bytes that it has"):
         read_grid(tmp_path / "bad.h5")
@@ -309,14 +310,14 @@ def test_packed_blocks_of_mdf_count(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     file = tmp_path / "t.mf4"
     content = measured(file, packed=1)
     assert np.array_equal(read_grid(file).columns["x"].values, np.zeros(20_000))
-    monkeypatch.setenv(limits.VARIABLE, "0.0003")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.0003")
     with pytest.raises(InputError, match=r"unpacked, it needs 0\.00032 GB of memory"):
         read_grid(file)
     monkeypatch.undo()
     place = content.find(b"##DZ") + 32
     content[place : place + 8] = struct.pack("<Q", 1000)  # of the bytes that it unpacks to
     file.write_bytes(content)
-    monkeypatch.setenv(limits.VARIABLE, "0.001")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.001")
     with pytest.raises(InputError, match=r"unpacks to more than the 1000 bytes that it states"):
         read_grid(file)
 
@@ -429,7 +430,7 @@ def test_chunks_of_ros_1_that_unpack_without_end(tmp_path: Path, monkeypatch: py
     bag = ros1_bag(tmp_path / "t.bag", "bz2", size, bz2.compress(bytes(size)))
     with pytest.raises(InputError, match=r"t\.bag: unpacks to more than 1000 times its size"):
         read_grid(bag)
-    monkeypatch.setenv(limits.VARIABLE, "0.01")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.01")
     with pytest.raises(InputError, match=r"t\.bag: a chunk of it needs 0\.02 GB of memory"):
         read_grid(bag)
     ros1_bag(bag, "bz2", 1000, bz2.compress(bytes(size)))

@@ -12,7 +12,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording, info
 from gyrowheel_recording.bags.live import LiveRecording, SampleCount
-from gyrowheel_recording.bags.publishers import Division, Publisher, from_text, surplus, to_text
+from gyrowheel_recording.bags.metadata import Division, Publisher, from_text, surplus, to_text
 
 OWN, OTHER = ("aa", "/controller"), ("bb", "/other")
 

@@ -18,15 +18,15 @@ import mcap.writer
 import numpy as np
 import pytest
 
-from gyrowheel_core import limits, topics, wire
+from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.files import LARGEST_VARIABLE
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_recording.bags import columns as recording_columns
-from gyrowheel_recording.bags.columns import columns, wanted
-from gyrowheel_recording.bags.definitions import definition
-from gyrowheel_recording.bags.mcap import batches, format, reader, records
+from gyrowheel_recording.bags import mcap as bags_mcap
+from gyrowheel_recording.bags.columns import columns, definition, wanted
+from gyrowheel_recording.bags.mcap import batches, crc32, joined, joined_with, reader, records
 from gyrowheel_recording.bags.mcap.batches import contents
-from gyrowheel_recording.bags.mcap.format import crc32, joined, joined_with
 from gyrowheel_recording.bags.mcap.reader import read_mcap
 
 from ..fuzz.chunks import chunk, declarations, file, index, message
@@ -288,7 +288,7 @@ def test_file_that_is_cut_while_it_is_read(own, threads, tmp_path, monkeypatch):
 
 
 def test_limit_is_the_same_by_any_number_of_threads(own, monkeypatch):
-    monkeypatch.setenv(limits.VARIABLE, "0.0005")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.0005")
     said = {refused(own, **way) for way in WAYS}
     assert len(said) == 1
     assert "needs 0.0005" in said.pop()
@@ -323,7 +323,7 @@ def test_checksum_is_the_same_where_the_fast_library_is_not_installed(monkeypatc
     data = random.Random(1).randbytes(100_003)
     assert crc32(memoryview(data)[3:], 5) == zlib.crc32(data[3:], 5)
     monkeypatch.setitem(sys.modules, "isal.isal_zlib", None)
-    without = runpy.run_path(str(format.__file__))
+    without = runpy.run_path(str(bags_mcap.__file__))
     assert without["crc32"] is zlib.crc32
 
 

@@ -22,8 +22,7 @@ from gyrowheel.recordings.page import info_page
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording, RecordingWriter, info, write_run
-from gyrowheel_recording.bags.columns import column_dtype
-from gyrowheel_recording.bags.definitions import definition
+from gyrowheel_recording.bags.columns import column_dtype, definition
 from gyrowheel_recording.bags.mcap.reader import read_mcap
 from gyrowheel_recording.bags.mcap.writer import Block, McapWriter
 from gyrowheel_sim.environment import Environment, to_json

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import RecordingWriter
-from gyrowheel_recording.bags.definitions import typestore
+from gyrowheel_recording.bags.columns import typestore
 from gyrowheel_recording.bags.playback import Message, Pace, Tape, parse_names
 
 PERIOD_NS = 500_000

@@ -22,8 +22,8 @@ from gyrowheel.recordings.page import salvage_page
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording, RecordingWriter, info, salvage
-from gyrowheel_recording.bags.definitions import definition, typestore
-from gyrowheel_recording.bags.mcap.format import CHUNK, RECORD_HEAD
+from gyrowheel_recording.bags.columns import definition, typestore
+from gyrowheel_recording.bags.mcap import RECORD_HEAD, Op
 
 from .recordings import shown
 
@@ -59,7 +59,7 @@ def chunks(data):
     found, position = [], 8
     while position < len(data) - 8:
         opcode, length = RECORD_HEAD.unpack_from(data, position)
-        if opcode == CHUNK:
+        if opcode == Op.CHUNK:
             found.append((position, position + 9 + length))
         position += 9 + length
     return found

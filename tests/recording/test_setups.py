@@ -16,9 +16,9 @@ import gyrowheel as gw
 from benchmarks.setups import COIL, TILT, TURN, WRONG, Samples, Spoil, exchanged, scaled, spoilt
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.mislabelled import Fix, correct, corrected
 from gyrowheel_recording.mislabelled.blocks import NAMES, blocks_of
 from gyrowheel_recording.mislabelled.find import wrong_setups
-from gyrowheel_recording.mislabelled.fixes import Fix, correct, corrected
 from gyrowheel_sim.bench import Bench
 
 #: Slow enough that the coils can turn twice the momentum.

@@ -6,7 +6,7 @@ import pytest
 
 from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_sim.effects import Effect, registry
-from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
+from gyrowheel_sim.plant.scenario import UNREGISTERED
 
 EVERY: list[Effect] = [
     *registry().values(),

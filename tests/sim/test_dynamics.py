@@ -36,9 +36,9 @@ from gyrowheel_sim.mechanics.kinematics import (
     joint_of_azimuth,
     motor_to_gimbal,
 )
+from gyrowheel_sim.plant.compiled import PlantParameters
 from gyrowheel_sim.plant.machine import Machine
 from gyrowheel_sim.plant.scenario import Scenario
-from gyrowheel_sim.plant.state import PlantParameters
 
 from .helpers import BENCH, INERTIAS, QUIET, TUNING_INERTIA, flexure_forces, perfect_hold
 

@@ -31,10 +31,9 @@ from gyrowheel_sim.effects.quantities import REFERENCES, Omega
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.environment import RIGS, Environment
 from gyrowheel_sim.instruments.readings import N_NOISE
+from gyrowheel_sim.plant.compiled import N_STATE, State, Surroundings
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
-from gyrowheel_sim.plant.scenario import Scenario
-from gyrowheel_sim.plant.state import N_STATE, State, Surroundings
-from gyrowheel_sim.plant.unregistered_effects import THREE_LOBED
+from gyrowheel_sim.plant.scenario import THREE_LOBED, Scenario
 
 from .helpers import BENCH, QUIET, quiet_run
 

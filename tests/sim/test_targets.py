@@ -15,10 +15,9 @@ import pytest
 import gyrowheel_sim
 from gyrowheel_control.loops.kernel import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_core import wire
-from gyrowheel_sim import columns
 from gyrowheel_sim.effects.targets import TARGETS, Entry, LawTarget, added, changed, entering
-from gyrowheel_sim.instruments.readings import DRIFT_SIZES, Drift, Reading
-from gyrowheel_sim.plant.state import State, Surroundings
+from gyrowheel_sim.instruments.readings import DRIFT_SIZES, Column, Drift, Reading, names
+from gyrowheel_sim.plant.compiled import State, Surroundings
 
 from .helpers import BENCH
 
@@ -28,15 +27,15 @@ from .helpers import BENCH
     [(Reading, wire.MEASUREMENT), (SetpointColumn, wire.SETPOINT), (CommandColumn, wire.COMMAND)],
     ids=lambda item: getattr(item, "__name__", None),
 )
-def test_columns_are_the_fields_of_the_message(layout: type[columns.Column], message: wire.Layout) -> None:
-    assert columns.names(layout) == message.fields
+def test_columns_are_the_fields_of_the_message(layout: type[Column], message: wire.Layout) -> None:
+    assert names(layout) == message.fields
 
 
 @pytest.mark.parametrize(
     "layout", [State, Surroundings, Drift, Reading, ControllerState], ids=lambda c: c.__name__
 )
-def test_every_index_has_unit_and_description(layout: type[columns.Column]) -> None:
-    assert columns.names(layout) == tuple(layout.__members__)
+def test_every_index_has_unit_and_description(layout: type[Column]) -> None:
+    assert names(layout) == tuple(layout.__members__)
     for place in layout:
         assert place.unit
         assert place.description
@@ -50,12 +49,12 @@ def test_drifts_have_sizes_in_the_bench() -> None:
 
 
 def test_indices_with_a_gap_are_refused() -> None:
-    class Gap(columns.Column):
+    class Gap(Column):
         first = 0, "1", "first"
         third = 2, "1", "third"
 
     with pytest.raises(ValueError, match=r"not 0 \.\. 1"):
-        columns.names(Gap)
+        names(Gap)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from gyrowheel_sim.effects.dimensions import Unit
 from gyrowheel_sim.effects.law_code import array_law
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
-from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
+from gyrowheel_sim.plant.scenario import UNREGISTERED
 
 EVERY = [*registry().values(), *UNREGISTERED, *(term.effect for term in forms() if term.effect is not None)]
 

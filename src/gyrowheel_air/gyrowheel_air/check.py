@@ -48,18 +48,12 @@ class _File(Section):
 
 @dataclass(frozen=True)
 class Finding:
-    """A known number with its uncertainty.
+    """A known number with its uncertainty."""
 
-    Attributes
-    ----------
-    value, uncertainty : float
-        Value and standard uncertainty, in its unit (SI).
-    unit, source, description : str
-        Unit, where both numbers come from, and what it is.
-    """
-
+    #: Value and standard uncertainty, in its unit (SI).
     value: float
     uncertainty: float
+    #: Unit, where both numbers come from, and what it is.
     unit: str
     source: str
     description: str
@@ -91,30 +85,14 @@ _OTHER = "not compared: a rotor and a case of other lengths"
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the check list.
+    """One line of the check list."""
 
-    Attributes
-    ----------
-    what : str
-        The criterion, in words, with its limits.
-    found : str
-        Value in the table.
-    holds : bool or None
-        Whether the criterion is met; None without a row for it.
-    bar : str
-        Source of the limits.
-    paper : str
-        Statement of the published paper; empty without one.
-    cause : str
-        Known cause in the flow.
-    """
-
-    what: str
-    found: str
-    holds: bool | None
-    bar: str
-    paper: str = ""
-    cause: str = ""
+    what: str  # the criterion, in words, with its limits
+    found: str  # value in the table
+    holds: bool | None  # whether the criterion is met; None without a row for it
+    bar: str  # source of the limits
+    paper: str = ""  # statement of the published paper; empty without one
+    cause: str = ""  # known cause in the flow
 
 
 def check_table(table: TorqueTable) -> list[Check]:

@@ -9,46 +9,27 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import MACH_LIMIT, AirState, density_change, reynolds_number
 from gyrowheel_air.surrogate import MODELS, coefficients, get_model, options_of
 from gyrowheel_air.table import TorqueTable
-from gyrowheel_air.torque import AirTorque, split_tilt
+from gyrowheel_air.torque import MACH_LIMIT, AirState, AirTorque, density_change, reynolds_number, split_tilt
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Results of all models at one tilt and speed.
+    """Results of all models at one tilt and speed."""
 
-    Attributes
-    ----------
-    tilt : tuple of float
-        phi_x, phi_y [rad].
-    spin_rate : float
-        Spin rate [rad/s].
-    air : AirState
-        The air.
-    reynolds, density_change : float
-        Eqs (9) and (10).
-    torques : dict of str to AirTorque
-        By model, for those that hold there.
-    refused : dict of str to str
-        Reasons of the others, by model.
-    options : list of str
-        The surrogate as effects, each as ``NAME:COEF=VALUE,...``.
-    coefficients : dict
-        By model: what `gyrowheel_air.surrogate.coefficients` returns.
-    """
-
-    tilt: tuple[float, float]
-    spin_rate: float
+    tilt: tuple[float, float]  # phi_x, phi_y [rad]
+    spin_rate: float  # spin rate [rad/s]
     air: AirState
+    #: Eqs (9) and (10).
     reynolds: float
     density_change: float
-    torques: Mapping[str, AirTorque]
-    refused: Mapping[str, str]
-    options: list[str]
+    torques: Mapping[str, AirTorque]  # by model, for those that hold there
+    refused: Mapping[str, str]  # reasons of the others, by model
+    options: list[str]  # the surrogate as effects, each as ``NAME:COEF=VALUE,...``
+    #: By model: what `gyrowheel_air.surrogate.coefficients` returns.
     coefficients: Mapping[str, Mapping[str, Mapping[str, tuple[float, float]]]]
 
     def to_json(self) -> dict[str, Any]:

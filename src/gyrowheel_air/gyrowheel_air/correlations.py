@@ -25,8 +25,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import AirState, reynolds_number
-from gyrowheel_air.torque import AirTorque, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import AirState, AirTorque, check_speed, reynolds_number, split_tilt, tilt_axes
 from gyrowheel_core.errors import InputError
 
 CYLINDERS: Final = ("bilgen_boulos", "wendt", "vrancik")
@@ -45,25 +44,16 @@ CYLINDER_SCATTER: Final = 0.06
 
 @dataclass(frozen=True)
 class Drag:
-    """Drag of the spinning rotor without tilt, by its parts.
+    """Drag of the spinning rotor without tilt, by its parts."""
 
-    Attributes
-    ----------
-    discs, cylinder : float
-        Torque that brakes both end faces, and the rim [N m], above zero.
-    disc_uncertainty, cylinder_uncertainty : float
-        Standard uncertainty of each [N m]: scatter of the measurements, and the spread of the alternatives.
-    regime : str
-        Regime of the discs, of `REGIMES`.
-    reynolds, gap_reynolds : float
-        Re of the disc (rho Omega R^2/mu) and of the rim gap (rho Omega R t/mu).
-    """
-
+    #: Torque that brakes both end faces, and the rim [N m], above zero.
     discs: float
     cylinder: float
+    #: Standard uncertainty of each [N m]: scatter of the measurements, and the spread of the alternatives.
     disc_uncertainty: float
     cylinder_uncertainty: float
-    regime: str
+    regime: str  # regime of the discs, of `REGIMES`
+    #: Re of the disc (rho Omega R^2/mu) and of the rim gap (rho Omega R t/mu).
     reynolds: float
     gap_reynolds: float
 
@@ -81,14 +71,8 @@ class Drag:
 def disc_coefficient(regime: str, reynolds: float, gap_ratio: float) -> float:
     """Return Cm = T / (rho Omega^2 a^5 / 2) of both faces of a disc in one regime (Daily & Nece).
 
-    Parameters
-    ----------
-    regime : str
-        ``"I"`` .. ``"IV"``.
-    reynolds : float
-        rho Omega a^2/mu.
-    gap_ratio : float
-        Gap between disc and case over the disc's radius, s/a.
+    `regime`: ``"I"`` .. ``"IV"``. `reynolds`: rho Omega a^2/mu; `gap_ratio`: gap between disc and case over
+    the disc's radius, s/a.
     """
     if regime == "I":
         return 2.0 * math.pi / (gap_ratio * reynolds)
@@ -129,14 +113,8 @@ def disc_regime(reynolds: float, gap_ratio: float) -> str:
 def cylinder_coefficient(kind: str, gap_reynolds: float, gap_ratio: float) -> float:
     """Return C = T / (pi rho Omega^2 R^4 L / 2) of a cylinder in a cylinder.
 
-    Parameters
-    ----------
-    kind : str
-        Of `CYLINDERS`.
-    gap_reynolds : float
-        rho Omega R t/mu with the gap t.
-    gap_ratio : float
-        Gap over the inner radius, t/R.
+    `kind`: of `CYLINDERS`; `gap_reynolds`: rho Omega R t/mu with the gap t; `gap_ratio`: gap over the inner
+    radius, t/R.
     """
     if kind == "bilgen_boulos":
         for limit, factor, power in ((64.0, 10.0, -1.0), (500.0, 2.0, -0.6), (1e4, 1.03, -0.5)):
@@ -226,18 +204,10 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Correlation:
-    """Drag on the spin by published correlations, which give no transverse torques.
+    """Drag on the spin by published correlations, which give no transverse torques."""
 
-    Attributes
-    ----------
-    cylinder : str
-        Correlation of the rim, see `gyrowheel_air.correlations`.
-    regime : str, optional
-        Regime of the end faces; by default the one in which they are.
-    """
-
-    cylinder: str = "bilgen_boulos"
-    regime: str | None = None
+    cylinder: str = "bilgen_boulos"  # correlation of the rim, see `gyrowheel_air.correlations`
+    regime: str | None = None  # regime of the end faces; by default the one in which they are
 
     @property
     def name(self) -> str:
@@ -265,21 +235,15 @@ class Vorticity:
     rotor makes the gap wedge-shaped: columns of air are stretched and squeezed once a turn, keep their vorticity over
     their height, and so a pressure builds up that is odd about the axis of the tilt. Its moment on both faces is
     T1 = -(3 pi/16) rho K^2 Omega^2 R^6/s phi with the end gap s. It has no losses, so it gives no torque across.
-
-    Attributes
-    ----------
-    swirl, swirl_uncertainty : float
-        Core swirl ratio K, and its standard uncertainty: 0.29 .. 0.38 in the flow computations of the shipped rotor.
-    model_uncertainty : float
-        Relative standard uncertainty of the formula itself: it lies within 8 .. 17 % of those computations.
-    cylinder : str
-        Correlation of the rim.
     """
 
+    #: Core swirl ratio K, and its standard uncertainty: 0.29 .. 0.38 in the flow computations of the shipped
+    #: rotor.
     swirl: float = 0.335
     swirl_uncertainty: float = 0.026
+    #: Relative standard uncertainty of the formula itself: it lies within 8 .. 17 % of those computations.
     model_uncertainty: float = 0.15
-    cylinder: str = "bilgen_boulos"
+    cylinder: str = "bilgen_boulos"  # correlation of the rim
 
     @property
     def name(self) -> str:

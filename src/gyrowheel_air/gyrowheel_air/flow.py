@@ -33,44 +33,27 @@ _FLAT = 1e-7  # m: how far a face of the section may lie beside its plane
 
 @dataclass(frozen=True)
 class Flow:
-    """The flow in one case, on the faces of a mesh; a face has four corners.
+    """The flow in one case, on the faces of a mesh; a face has four corners."""
 
-    Attributes
-    ----------
-    tilt, spin_rate : float
-        Tilt about the case's x axis [rad] and spin rate [rad/s].
-    mesh, model : str
-        Names of mesh and turbulence model.
-    cells : int
-        Cells of the mesh.
-    rotor_height, case_radius : float
-        Lengths [m].
-    section : (s, 4, 2) array
-        Faces in the plane across the axis of the tilt: case y and z of their corners [m].
-    axial, radial : (s,) array
-        Velocity up and outwards there [m/s].
-    top : (t, 4, 2) array
-        Faces of the rotor's top: along the axis of the tilt, and a quarter turn ahead of it [m].
-    pressure, area : (t,) array
-        Pressure less its mean there [Pa], and area of the faces [m^2].
-    surface : (r, 4, 3) array
-        Faces of the rotor in the frame of the case [m].
-    """
-
+    #: Tilt about the case's x axis [rad] and spin rate [rad/s].
     tilt: float
     spin_rate: float
+    #: Names of mesh and turbulence model.
     mesh: str
     model: str
-    cells: int
+    cells: int  # cells of the mesh
+    #: Lengths [m].
     rotor_height: float
     case_radius: float
-    section: Array
+    section: Array  # faces in the plane across the axis of the tilt: case y and z of their corners [m]
+    #: Velocity up and outwards there [m/s].
     axial: Array
     radial: Array
-    top: Array
+    top: Array  # faces of the rotor's top: along the axis of the tilt, and a quarter turn ahead of it [m]
+    #: Pressure less its mean there [Pa], and area of the faces [m^2].
     pressure: Array
     area: Array
-    surface: Array
+    surface: Array  # faces of the rotor in the frame of the case [m]
 
     @classmethod
     def of(cls, result: Result, folder: Path) -> Flow:

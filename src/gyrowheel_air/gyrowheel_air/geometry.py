@@ -53,39 +53,25 @@ LENGTHS = tuple(Lengths.model_fields)
 
 @dataclass(frozen=True)
 class Length:
-    """One length of rotor or case.
+    """One length of rotor or case."""
 
-    Attributes
-    ----------
-    value, uncertainty : float
-        Value and standard uncertainty [m].
-    source, description : str
-        Where the value comes from, and what it is.
-    """
-
+    #: Value and standard uncertainty [m].
     value: float
     uncertainty: float
+    #: Where the value comes from, and what it is.
     source: str
     description: str = ""
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """A cylindrical rotor centred in a cylindrical case; all lengths in metres.
+    """A cylindrical rotor centred in a cylindrical case; all lengths in metres."""
 
-    Attributes
-    ----------
-    name, title : str
-        What it is called.
-    lengths : dict of str to Length
-        The four lengths by name.
-    references : dict of str to str
-        Full citations by the key with which a source starts.
-    """
-
+    #: What it is called.
     name: str
     title: str
-    lengths: Mapping[str, Length]
+    lengths: Mapping[str, Length]  # the four lengths by name
+    #: Full citations by the key with which a source starts.
     references: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod

@@ -19,9 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from gyrowheel_air.correlations import Correlation, Vorticity
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import AirState
 from gyrowheel_air.table import Table, TorqueTable
-from gyrowheel_air.torque import AirModel, AirTorque, check_range, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import (
+    AirModel,
+    AirState,
+    AirTorque,
+    check_range,
+    check_speed,
+    split_tilt,
+    tilt_axes,
+)
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
@@ -36,52 +43,31 @@ REFERENCE_DENSITY = 1.205
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """size * r^n, fitted to the torques of one component.
+    """size * r^n, fitted to the torques of one component."""
 
-    Attributes
-    ----------
-    size, size_error : float
-        Size at the reference speed and density [N m/rad, or N m], and its standard uncertainty with all that the fit
-        does not see (mesh, turbulence model).
-    exponent, exponent_error : float
-        Exponent of the spin rate, and its standard error.
-    rms, largest : float
-        Relative residuals of the fit: root mean square, and the largest in size.
-    """
-
+    #: Size at the reference speed and density [N m/rad, or N m], and its standard uncertainty with all that
+    #: the fit does not see (mesh, turbulence model).
     size: float
     size_error: float
+    #: Exponent of the spin rate, and its standard error.
     exponent: float
     exponent_error: float
+    #: Relative residuals of the fit: root mean square, and the largest in size.
     rms: float
     largest: float
 
 
 @dataclass(frozen=True)
 class Surrogate:
-    """Power laws as a model of the air.
+    """Power laws as a model of the air."""
 
-    Attributes
-    ----------
-    laws : tuple of PowerLaw or None
-        Of the restoring component, the one across, the drag; None where nothing is known.
-    tilt_limit : float
-        Largest tilt that the fit has seen [rad].
-    speeds : tuple of float
-        Lowest and highest spin rate that it has seen [rad/s].
-    lengths : dict of str to float
-        Lengths of rotor and case [m]; another geometry is refused.
-    viscosity : float
-        Viscosity of the air fitted to [Pa s]; another one enters by similarity.
-    reference_speed, reference_density : float
-        Spin rate [rad/s] and density [kg/m^3] to which the sizes refer.
-    """
-
+    #: Of the restoring component, the one across, the drag; None where nothing is known.
     laws: tuple[PowerLaw | None, PowerLaw | None, PowerLaw | None]
-    tilt_limit: float
-    speeds: tuple[float, float]
-    lengths: Mapping[str, float]
-    viscosity: float
+    tilt_limit: float  # largest tilt that the fit has seen [rad]
+    speeds: tuple[float, float]  # lowest and highest spin rate that it has seen [rad/s]
+    lengths: Mapping[str, float]  # lengths of rotor and case [m]; another geometry is refused
+    viscosity: float  # viscosity of the air fitted to [Pa s]; another one enters by similarity
+    #: Spin rate [rad/s] and density [kg/m^3] to which the sizes refer.
     reference_speed: float = REFERENCE_SPEED
     reference_density: float = REFERENCE_DENSITY
 
@@ -116,10 +102,8 @@ class Surrogate:
     ) -> dict[str, dict[str, tuple[float, float]]]:
         """Return value and standard uncertainty of each coefficient of each effect, by the effects' names [SI].
 
-        Parameters
-        ----------
-        reference_speed, reference_density : float
-            Spin rate [rad/s] and density [kg/m^3] at which the sizes are wanted: those of the bench.
+        `reference_speed`, `reference_density`: spin rate [rad/s] and density [kg/m^3] at which the sizes are
+        wanted: those of the bench.
         """
         found = {}
         for (effect, name), law in zip(EFFECTS, self.laws, strict=True):
@@ -172,12 +156,7 @@ def fit_model(
     """Fit the power laws to any model over tilts [rad] and spin rates [rad/s], in one air.
 
     A table is evaluated at its own rows. The uncertainty of a size is that of the fit and the relative
-    uncertainty that the model states.
-
-    Raises
-    ------
-    InputError
-        If the model does not hold in the whole range.
+    uncertainty that the model states. Raises InputError if the model does not hold in the whole range.
     """
     if isinstance(model, Surrogate):
         return model
@@ -290,14 +269,9 @@ def _power_law(ratios: Array, sizes: Array, systematic: float) -> PowerLaw | Non
 
 @dataclass(frozen=True)
 class AirEffects:
-    """Coefficients of the air's effects by a model.
+    """Coefficients of the air's effects by a model."""
 
-    Attributes
-    ----------
-    values, errors : dict of str to dict of str to float
-        By effect and coefficient: value, and standard uncertainty [SI].
-    """
-
+    #: By effect and coefficient: value, and standard uncertainty [SI].
     values: dict[str, dict[str, float]]
     errors: dict[str, dict[str, float]]
 

@@ -18,8 +18,15 @@ from scipy.interpolate import RegularGridInterpolator
 
 from gyrowheel_air.cfd.case import Case, Result
 from gyrowheel_air.geometry import LENGTHS, Geometry
-from gyrowheel_air.state import AirState, reynolds_number
-from gyrowheel_air.torque import AirTorque, check_range, check_speed, split_tilt, tilt_axes
+from gyrowheel_air.torque import (
+    AirState,
+    AirTorque,
+    check_range,
+    check_speed,
+    reynolds_number,
+    split_tilt,
+    tilt_axes,
+)
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.units import DEG, RPM
@@ -38,18 +45,11 @@ _REACH = 10.0
 
 @dataclass(frozen=True)
 class TorqueTable:
-    """Computed torques over tilt and speed, for one rotor in one case.
+    """Computed torques over tilt and speed, for one rotor in one case."""
 
-    Attributes
-    ----------
-    rows : tuple of Result
-        All rows: the grid, and companions on other meshes, with other models, tilted elsewhere.
-    origin : str
-        Where it was read from, for messages.
-    """
-
+    #: All rows: the grid, and companions on other meshes, with other models, tilted elsewhere.
     rows: tuple[Result, ...]
-    origin: str = "table"
+    origin: str = "table"  # where it was read from, for messages
 
     @classmethod
     def load(cls, source: str | Path = "gyrowheel") -> TorqueTable:
@@ -241,14 +241,9 @@ class Table:
     In another air, or with a rotor and case of the same proportions, the torque follows by similarity:
     T = rho Omega^2 R^5 f(Re, tilt). Tilts and spin rates beyond the table's are refused. A thinner or denser air leads
     to Reynolds numbers beyond it; there the power law at its edge goes on, with an uncertainty that grows.
-
-    Attributes
-    ----------
-    table : TorqueTable
-        The rows.
     """
 
-    table: TorqueTable
+    table: TorqueTable  # the rows
 
     def __post_init__(self) -> None:
         """Refuse a table that is too small to interpolate."""
@@ -290,9 +285,7 @@ class Table:
         mesh, model = self.table.spread
         relative = np.sqrt(mesh**2 + model**2 + (_EXPONENT_UNCERTAINTY * beyond) ** 2)
         return AirTorque(
-            scale * values,
-            scale * np.hypot(scatter, relative * np.abs(values)),
-            tilt_axes(angle, direction),
+            scale * values, scale * np.hypot(scatter, relative * np.abs(values)), tilt_axes(angle, direction)
         )
 
     def _check(self, geometry: Geometry, angle: float, spin_rate: float) -> None:

@@ -1,4 +1,8 @@
-"""A model: a bench, estimates of its parameters, added effects and their history; and its file."""
+"""A model: a bench, estimates of its parameters, added effects and their history; and its file.
+
+An entry of the history keeps only the differences: with a copy of the whole model in every entry, the file would grow
+with the square of the number of changes.
+"""
 
 from __future__ import annotations
 

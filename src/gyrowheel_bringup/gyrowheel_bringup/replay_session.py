@@ -34,35 +34,16 @@ _ESTIMATOR: Final = "drag_estimator"
 
 @dataclass
 class Outcome:
-    """Outcome of a replay.
+    """Outcome of a replay."""
 
-    Attributes
-    ----------
-    code : int
-        Exit code of the node; 0 if it ended well.
-    complete : bool
-        Whether it reached the end.
-    stopped : bool
-        Whether the user stopped it with a key.
-    counts : dict of str to int
-        Messages published, by topic.
-    rounds : int
-        Number of times the end was reached.
-    wall : float
-        Wall-clock time from the first message to the last [s].
-    left_out : dict of str to str
-        Recorded topics that were not published, and why.
-    estimates : list of Estimate
-        Drag estimates made during the replay; empty without the estimator.
-    """
-
-    code: int = 0
-    complete: bool = False
-    stopped: bool = False
-    counts: dict[str, int] = field(default_factory=dict)
-    rounds: int = 0
-    wall: float = 0.0
-    left_out: dict[str, str] = field(default_factory=dict)
+    code: int = 0  # exit code of the node; 0 if it ended well
+    complete: bool = False  # whether it reached the end
+    stopped: bool = False  # whether the user stopped it with a key
+    counts: dict[str, int] = field(default_factory=dict)  # messages published, by topic
+    rounds: int = 0  # number of times the end was reached
+    wall: float = 0.0  # wall-clock time from the first message to the last [s]
+    left_out: dict[str, str] = field(default_factory=dict)  # recorded topics that were not published, and why
+    #: Drag estimates made during the replay; empty without the estimator.
     estimates: list[Estimate] = field(default_factory=list)
 
 

@@ -49,11 +49,7 @@ def folder() -> Path | None:
     It is ``$GYROWHEEL_CACHE``, else ``gyrowheel`` in the user's cache folder, else a folder per user in the one for
     temporary files: the first that belongs to the user and that nobody else can write to.
     """
-    return _folder(
-        os.environ.get(VARIABLE, ""),
-        str(user_folder("cache")),
-        _temporary(),
-    )
+    return _folder(os.environ.get(VARIABLE, ""), str(user_folder("cache")), _temporary())
 
 
 def _temporary() -> str:

@@ -381,3 +381,52 @@ def _remove(place: Path) -> None:
     else:
         with contextlib.suppress(OSError):
             place.unlink(missing_ok=True)
+
+
+#: Environment variable with the limit of unpacked files [GB]: a small one can unpack to more than the memory.
+LARGEST_VARIABLE = "GYROWHEEL_LARGEST_GB"
+_USUAL = 4.0  # GB: five hours of the bench's samples
+_GIGABYTE = 10**9
+
+
+def largest_unpacked() -> int:
+    """Return the largest size of an unpacked file [bytes].
+
+    Raises
+    ------
+    InputError
+        If the environment variable is not a number above zero.
+    """
+    given = os.environ.get(LARGEST_VARIABLE, "")
+    try:
+        limit = float(given) if given else _USUAL
+    except ValueError:
+        limit = math.nan
+    if not 0.0 < limit < math.inf:
+        raise InputError(
+            f"{LARGEST_VARIABLE}: '{given}' is not allowed; allowed: a number of gigabytes above 0"
+        )
+    return int(limit * _GIGABYTE)
+
+
+def require_room(size: float, what: str) -> None:
+    """Refuse a size above `largest_unpacked`.
+
+    Parameters
+    ----------
+    size : float
+        Needed memory [bytes].
+    what : str
+        Beginning of the message, with the file's name.
+
+    Raises
+    ------
+    InputError
+        If it is too large; the message names the limit and the variable that raises it.
+    """
+    if size > (limit := largest_unpacked()):
+        more = not math.isfinite(size)
+        needed = f"more than {limit / _GIGABYTE:.3g} GB" if more else f"{size / _GIGABYTE:.3g} GB"
+        raise InputError(
+            f"{what} needs {needed} of memory; allowed: {limit / _GIGABYTE:g} GB ({LARGEST_VARIABLE} raises the limit)"
+        )

@@ -58,18 +58,10 @@ class Work(Section):
 
 @dataclass(frozen=True)
 class Journal:
-    """The finished parts of some work.
+    """The finished parts of some work."""
 
-    Attributes
-    ----------
-    folder : Path
-        Where they are.
-    identity : str
-        Digest of settings and versions; a part of other work in the same folder does not count.
-    """
-
-    folder: Path
-    identity: str
+    folder: Path  # where they are
+    identity: str  # digest of settings and versions; a part of other work in the same folder does not count
 
     def finish(self, name: str, content: Any) -> None:
         """Write a finished part: content of a JSON file, in which numbers need not be finite.

@@ -23,33 +23,16 @@ JOINTS: Final = ("tilt_x", "tilt_y", "spin")
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic; delivery is reliable on all of them.
+    """One topic; delivery is reliable on all of them."""
 
-    Attributes
-    ----------
-    name : str
-        Full name where no namespace is given.
-    type_name : str
-        Message type, such as ``"std_msgs/msg/String"``.
-    depth : int
-        How many messages are kept for a slow reader.
-    latched : bool
-        Whether the last messages are delivered to a reader that comes later (durability `transient_local`).
-    layout : Layout or None
-        Layout of the serialized message where it is a fixed one.
-    shared : bool
-        Whether several nodes publish it; every other topic has one publisher.
-    fixed : bool
-        Whether it has this name in every namespace.
-    """
-
-    name: str
-    type_name: str
-    depth: int = 10
+    name: str  # full name where no namespace is given
+    type_name: str  # message type, such as ``"std_msgs/msg/String"``
+    depth: int = 10  # how many messages are kept for a slow reader
+    #: Whether the last messages are delivered to a reader that comes later (durability `transient_local`).
     latched: bool = False
-    layout: wire.Layout | None = None
-    shared: bool = False
-    fixed: bool = False
+    layout: wire.Layout | None = None  # layout of the serialized message where it is a fixed one
+    shared: bool = False  # whether several nodes publish it; every other topic has one publisher
+    fixed: bool = False  # whether it has this name in every namespace
 
     @property
     def relative(self) -> str:

@@ -21,17 +21,10 @@ _ASSUMED_UNITS: Final = {"air_pressure": "Pa", "air_temperature": "K", "coil_tem
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a reading comes from.
+    """Where a reading comes from."""
 
-    Attributes
-    ----------
-    uncertainty : float
-        How far off it may be throughout [SI, 1 sigma].
-    pulses : int
-        Pulses a turn by which an angle is known; 0 for a value that was assumed for all samples.
-    """
-
-    uncertainty: float
+    uncertainty: float  # how far off it may be throughout [SI, 1 sigma]
+    #: Pulses a turn by which an angle is known; 0 for a value that was assumed for all samples.
     pulses: int = 0
 
 

@@ -37,32 +37,19 @@ _SHIPPED = {"gyrowheel": "bench.yaml", "dtg": "dtg.yaml"}
 
 @dataclass(frozen=True)
 class Bench:
-    """Every physical parameter of a test bench; read from a bench file.
+    """Every physical parameter of a test bench; read from a bench file."""
 
-    Attributes
-    ----------
-    name, title : str
-        What the bench is called.
-    parameters : dict of str to Parameter
-        The parameters by name.
-    references : dict of str to str
-        Full citations by the key that `Parameter.source` starts with.
-    spin_loop : str
-        How the motor's controller follows the wanted speed: ``pi``, proportional and integral in the speed, or ``pll``,
-        phase-locked.
-    gains : Gains
-        Gains of the controller.
-    origin : str
-        The file it was read from, for error messages.
-    """
-
+    #: What the bench is called.
     name: str
     title: str
-    parameters: Mapping[str, Parameter]
+    parameters: Mapping[str, Parameter]  # the parameters by name
+    #: Full citations by the key that `Parameter.source` starts with.
     references: Mapping[str, str] = field(default_factory=dict)
-    origin: str = ""
+    origin: str = ""  # the file it was read from, for error messages
+    #: How the motor's controller follows the wanted speed: ``pi``, proportional and integral in the speed, or
+    #: ``pll``, phase-locked.
     spin_loop: SpinLoop = "pi"
-    gains: Gains = field(default_factory=Gains)
+    gains: Gains = field(default_factory=Gains)  # gains of the controller
 
     @classmethod
     def load(cls, source: str | Path = "gyrowheel") -> Bench:

@@ -21,8 +21,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import EffectValues, for_bench, physical, validated
 from gyrowheel_sim.parameter import INSTRUMENTS
-from gyrowheel_sim.plant.scenario import KeyFile, Scenario
-from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
+from gyrowheel_sim.plant.scenario import UNREGISTERED, KeyFile, Scenario
 
 Kind = Literal["none", "single", "pair", "outside"]
 #: Probability of each kind.
@@ -99,11 +98,7 @@ def reuse_or_draw(bench: Bench, key: Path, seed: int, *, kinds: Sequence[Kind] =
             raise InputError(f"{error}; or name a new file, to have a key drawn") from None
     # the name must reveal nothing about the machine, not even its seed
     scenario = replace(draw(bench, seed, kinds=kinds), machine=secrets.token_hex(2))
-    content = {
-        "values": dict(scenario.values),
-        "effects": scenario.effects,
-        "machine": scenario.machine,
-    }
+    content = {"values": dict(scenario.values), "effects": scenario.effects, "machine": scenario.machine}
     write_text(key, json_text(content), private=True)
     return replace(scenario, noise_seed=seed)
 

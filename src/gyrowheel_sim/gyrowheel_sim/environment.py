@@ -40,33 +40,20 @@ _TURNS = {
 
 @dataclass(frozen=True)
 class Environment:
-    """The operator's settings of the bench from `time` on.
+    """The operator's settings of the bench from `time` on."""
 
-    Attributes
-    ----------
-    time : float
-        Time from which it holds [s since the start of the recording].
-    rig : str
-        ``"upright"`` or ``"inverted"`` (spin axis up or down), ``"x_up"`` or ``"y_up"`` (that axis of the case up,
-        the spin axis horizontal); or `ORBIT`.
-    yaw : float
-        Turn of the rig about the vertical from its home position [rad].
-    air_density_ratio : float
-        Air density over the ambient one, set by the pressure in the bell jar; 0 is a vacuum, at most 2.
-    preheat : float
-        Temperature of the coils above that of the air, kept by the coil heater [K]; 0 switches it off.
-    table_rate : float
-        Rate at which a rate table turns the rig about the vertical [rad/s].
-    machine : str
-        Name of the machine on the rig, by which recordings of two machines are told apart; empty where unknown.
-    """
-
-    time: float = 0.0
+    time: float = 0.0  # time from which it holds [s since the start of the recording]
+    #: ``"upright"`` or ``"inverted"`` (spin axis up or down), ``"x_up"`` or ``"y_up"`` (that axis of the case
+    #: up, the spin axis horizontal); or `ORBIT`.
     rig: str = "upright"
-    yaw: float = 0.0
+    yaw: float = 0.0  # turn of the rig about the vertical from its home position [rad]
+    #: Air density over the ambient one, set by the pressure in the bell jar; 0 is a vacuum, at most 2.
     air_density_ratio: float = 1.0
+    #: Temperature of the coils above that of the air, kept by the coil heater [K]; 0 switches it off.
     preheat: float = 0.0
-    table_rate: float = 0.0
+    table_rate: float = 0.0  # rate at which a rate table turns the rig about the vertical [rad/s]
+    #: Name of the machine on the rig, by which recordings of two machines are told apart; empty where
+    #: unknown.
     machine: str = ""
 
     def __post_init__(self) -> None:

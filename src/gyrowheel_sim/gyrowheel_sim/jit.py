@@ -11,6 +11,7 @@ memory; another process loads the machine code of the same text.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import pickle
@@ -105,7 +106,11 @@ class _Entries:
     def load(self, key: Any) -> Any:
         """Return the entry of a key, or None."""
         content = cache.read(self._name(key))
-        return None if content is None else pickle.loads(content)
+        with contextlib.suppress(
+            ImportError, AttributeError
+        ):  # of a class that another version has elsewhere
+            return None if content is None else pickle.loads(content)
+        return None
 
     def save(self, key: Any, data: Any) -> None:
         """Keep an entry."""

@@ -25,35 +25,19 @@ class Gains:
     They are rates, filters and shares of the bench's own momentum and inertia, so that one set serves benches of any
     size. The defaults settle a 3 deg ramp at 8 deg/s to 0.015 deg within 0.5 s from 1000 to 4000 rpm on the default
     bench, where they are 0.12 N m s/rad, 0.012 N m s/rad and 0.02 N m/rad.
-
-    Attributes
-    ----------
-    tilt_bandwidth : float
-        Bandwidth of the tilt loop [1/s].
-    tilt_integral : float
-        Integral gain of the tilt loop [1/s^2].
-    tilt_lowpass : float
-        Low-pass of the tilt readings [Hz].
-    nutation_damping : float
-        Gain of the nutation damper over the angular momentum of the spin.
-    derivative_lowpass : float
-        Low-pass of its derivative [Hz].
-    spin_proportional, spin_integral : float
-        Gains of the spin loop over the moment of inertia of all that turns [1/s], [1/s^2]; of a phase-locked loop
-        (`Bench.spin_loop`) on the rate of the phase between reference and shaft, and on the phase itself. Assumed: the
-        publication names its loop and gives no gain.
-    spin_lowpass : float
-        Low-pass of the spin reading, applied twice [Hz].
     """
 
-    tilt_bandwidth: float = 12.0
-    tilt_integral: float = 30.0
-    tilt_lowpass: float = 25.0
-    nutation_damping: float = 0.1832
-    derivative_lowpass: float = 400.0
+    tilt_bandwidth: float = 12.0  # bandwidth of the tilt loop [1/s]
+    tilt_integral: float = 30.0  # integral gain of the tilt loop [1/s^2]
+    tilt_lowpass: float = 25.0  # low-pass of the tilt readings [Hz]
+    nutation_damping: float = 0.1832  # gain of the nutation damper over the angular momentum of the spin
+    derivative_lowpass: float = 400.0  # low-pass of its derivative [Hz]
+    #: Gains of the spin loop over the moment of inertia of all that turns [1/s], [1/s^2]; of a phase-locked
+    #: loop (`Bench.spin_loop`) on the rate of the phase between reference and shaft, and on the phase itself.
+    #: Assumed: the publication names its loop and gives no gain.
     spin_proportional: float = 6.34
     spin_integral: float = 10.57
-    spin_lowpass: float = 6.0
+    spin_lowpass: float = 6.0  # low-pass of the spin reading, applied twice [Hz]
 
     def __post_init__(self) -> None:
         """Check every gain."""
@@ -106,41 +90,15 @@ HIGHEST_ORDER = 4
 #: Kinds of the spin loop.
 SpinLoop: TypeAlias = Literal["pi", "pll"]
 #: Parameters that must be greater than zero for the equations to make sense.
-_POSITIVE = frozenset(
-    [
-        "rotor_inertia_x",
-        "rotor_inertia_y",
-        "rotor_inertia_z",
-        "shaft_inertia",
-        "flexure_stiffness_x",
-        "flexure_stiffness_y",
-        "coil_constant",
-        "coil_voltage_limit",
-        "coil_resistance",
-        "coil_heat_capacity",
-        "coil_thermal_resistance",
-        "motor_constant",
-        "motor_resistance",
-        "winding_heat_capacity",
-        "winding_thermal_resistance",
-        "motor_heat_capacity",
-        "motor_thermal_resistance",
-        "motor_ripple_order",
-        "supply_voltage",
-        "tilt_scale",
-        "sample_period",
-        "drift_time",
-        "air_temperature",
-        "air_density_reference",
-        "gas_constant",
-        "spin_rate_reference",
-        "tilt_reference",
-        "tilt_limit",
-        "mains_frequency",
-        "spin_rate_minimum",
-        "spin_rate_maximum",
-    ]
-)
+_POSITIVE = frozenset([
+    "rotor_inertia_x", "rotor_inertia_y", "rotor_inertia_z", "shaft_inertia", "flexure_stiffness_x",
+    "flexure_stiffness_y", "coil_constant", "coil_voltage_limit", "coil_resistance", "coil_heat_capacity",
+    "coil_thermal_resistance", "motor_constant", "motor_resistance", "winding_heat_capacity",
+    "winding_thermal_resistance", "motor_heat_capacity", "motor_thermal_resistance", "motor_ripple_order",
+    "supply_voltage", "tilt_scale", "sample_period", "drift_time", "air_temperature", "air_density_reference",
+    "gas_constant", "spin_rate_reference", "tilt_reference", "tilt_limit", "mains_frequency",
+    "spin_rate_minimum", "spin_rate_maximum",
+])  # fmt: skip
 _NOT_NEGATIVE = frozenset(
     [
         "gimbal_inertia_x",
@@ -170,33 +128,16 @@ _NOT_NEGATIVE = frozenset(
 
 @dataclass(frozen=True)
 class Parameter:
-    """One physical parameter of a bench.
+    """One physical parameter of a bench."""
 
-    Attributes
-    ----------
-    name : str
-        Name, unique in the bench.
-    value : float
-        Value in `unit`.
-    unit : str
-        SI unit; a bench file may state any other unit of the same kind.
-    uncertainty : float
-        Standard uncertainty (1 sigma), absolute, in `unit`.
-    source : str
-        Source of the value; ``assumed`` where nothing is published.
-    description : str
-        What it is.
-    group : str
-        Parameters of one group vary by one common factor; without a group it is the parameter's own name. The
-        analysis refers to groups by name, so every bench has those of the default bench.
-    """
-
-    name: str
-    value: float
-    unit: str
-    uncertainty: float
-    source: str
+    name: str  # name, unique in the bench
+    value: float  # value in `unit`
+    unit: str  # SI unit; a bench file may state any other unit of the same kind
+    uncertainty: float  # standard uncertainty (1 sigma), absolute, in `unit`
+    source: str  # source of the value; ``assumed`` where nothing is published
     description: str
+    #: Parameters of one group vary by one common factor; without a group it is the parameter's own name. The
+    #: analysis refers to groups by name, so every bench has those of the default bench.
     group: str
 
     @property
@@ -314,18 +255,9 @@ def unknown(names: Iterable[Any]) -> list[str]:
 def read_parameters(entries: Mapping[str, ParameterEntry], where: str) -> dict[str, Parameter]:
     """Return the parameters of a bench in SI units.
 
-    Parameters
-    ----------
-    entries : dict of str to ParameterEntry
-        What the file states.
-    where : str
-        File and field, for messages.
-
-    Raises
-    ------
-    InputError
-        If parameters other than those of instruments are missing, or some are unknown, have units of another kind,
-        values out of range or groups that the analysis does not know; one message lists all problems.
+    `entries`: what the file states; `where`: file and field, for messages. Raises InputError if parameters
+    other than those of instruments are missing, or some are unknown, have units of another kind, values out
+    of range or groups that the analysis does not know; one message lists all problems.
     """
     known = _known()
     wrong = unknown(entries)
@@ -384,10 +316,7 @@ def physical_range(name: str) -> tuple[float, float]:
 def check_value(name: str, value: Any, where: str = "") -> float:
     """Return a value [SI] as a number that is allowed for the parameter `name`.
 
-    Raises
-    ------
-    InputError
-        If it is not; the message begins with `where`, if given, and the name.
+    Raises InputError if it is not; the message begins with `where`, if given, and the name.
     """
     place = f"{where}.{name}" if where else name
     number = finite(value, place)

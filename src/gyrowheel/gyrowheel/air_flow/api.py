@@ -15,8 +15,8 @@ from gyrowheel_air.cfd.sweep import sweep as run_sweep
 from gyrowheel_air.check import check_table
 from gyrowheel_air.compare import compare
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import AirState
 from gyrowheel_air.table import TorqueTable, collect_results
+from gyrowheel_air.torque import AirState
 from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text

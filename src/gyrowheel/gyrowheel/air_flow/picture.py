@@ -27,9 +27,9 @@ from gyrowheel_air.cfd.case import Result
 from gyrowheel_air.correlations import drag
 from gyrowheel_air.flow import Flow, of_study
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import density_change, reynolds_number
 from gyrowheel_air.surrogate import get_model
 from gyrowheel_air.table import TorqueTable
+from gyrowheel_air.torque import density_change, reynolds_number
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from gyrowheel_core.quantities import listed
 from gyrowheel_sim.effects import registry
-from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
+from gyrowheel_sim.plant.scenario import UNREGISTERED
 
 if TYPE_CHECKING:
     from gyrowheel.models.api import Model

@@ -16,7 +16,7 @@ from gyrowheel_analysis import calibrate as facts
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+    from gyrowheel_recording.mislabelled import WrongSetup
 
 
 @dataclass(frozen=True, repr=False)

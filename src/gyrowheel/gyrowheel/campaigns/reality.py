@@ -19,7 +19,7 @@ from gyrowheel_sim.effects import Coefficient, Effect, EffectValues, Law, regist
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, rho, rho_ref, z
 from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.parameter import INSTRUMENTS
-from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
+from gyrowheel_sim.plant.scenario import UNREGISTERED
 
 _c, _n, _p, _w, _T, _s = (sp.Symbol(name, real=True) for name in ("c", "n", "p", "w", "T", "s"))
 _size = sp.sqrt(z * sp.conjugate(z))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+    from gyrowheel_recording.mislabelled import WrongSetup
 
 
 @dataclass(frozen=True, repr=False)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         FreeForm,
         InstrumentFinding,
     )
-    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+    from gyrowheel_recording.mislabelled import WrongSetup
 
 _COLOURS = {
     "nothing_missing": "green",

@@ -109,7 +109,7 @@ class Drag(Result, DragTest):
         InputError
             If the file has another ending, or cannot be written, or the signals were not kept.
         """
-        from gyrowheel_recording.mapping.table_export import write_signals
+        from gyrowheel_recording.mapping.exchange import write_signals
 
         self._require_signals()
         named = [{"recording": r, **own} for r, own in zip(self.recordings, self.signals, strict=True)]

@@ -21,9 +21,9 @@ from gyrowheel_air.correlations import Drag as Correlated
 from gyrowheel_air.correlations import drag as correlated
 from gyrowheel_air.flow import Flow, shipped
 from gyrowheel_air.geometry import Geometry
-from gyrowheel_air.state import AirState
 from gyrowheel_air.surrogate import air_effects
 from gyrowheel_air.table import TorqueTable
+from gyrowheel_air.torque import AirState
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench

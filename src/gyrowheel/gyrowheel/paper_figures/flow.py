@@ -15,8 +15,8 @@ from gyrowheel.show.figure import finished, style
 from gyrowheel_air.cfd.case import Result
 from gyrowheel_air.correlations import disc_boundary
 from gyrowheel_air.flow import Flow
-from gyrowheel_air.state import AirState, density_change, reynolds_number
 from gyrowheel_air.surrogate import fit_table
+from gyrowheel_air.torque import AirState, density_change, reynolds_number
 from gyrowheel_core.quantities import decimal
 from gyrowheel_core.units import DEG, RPM
 

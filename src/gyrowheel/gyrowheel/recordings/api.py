@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from gyrowheel_analysis.model import Model
     from gyrowheel_recording.bags import Integrity, RecordingInfo, Salvaged
-    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+    from gyrowheel_recording.mislabelled import WrongSetup
     from gyrowheel_sim.environment import Environment
 
 FOLDER = ".machines"  # of the notes on simulated machines
@@ -284,8 +284,8 @@ def correct(
         If there is no such reading, a value is not allowed, nothing is to be done, or the folder cannot be written.
     """
     from gyrowheel_core.files import new_directory, require_new
-    from gyrowheel_recording.mislabelled.fixes import Fix
-    from gyrowheel_recording.mislabelled.fixes import correct as write_corrected
+    from gyrowheel_recording.mislabelled import Fix
+    from gyrowheel_recording.mislabelled import correct as write_corrected
 
     if folder is not None:
         require_new(Path(folder))

@@ -10,11 +10,11 @@ from rich.console import RenderableType
 
 from gyrowheel.show.layout import Unbroken, figures_table, heading, indented, sentences, words_table
 from gyrowheel_core.units import DEG, RPM
-from gyrowheel_recording.bags.publishers import surplus
+from gyrowheel_recording.bags.metadata import surplus
 
 if TYPE_CHECKING:
     from gyrowheel_recording.bags.info import RecordingInfo
-    from gyrowheel_recording.bags.publishers import Publisher
+    from gyrowheel_recording.bags.metadata import Publisher
     from gyrowheel_recording.bags.reader import Integrity
     from gyrowheel_recording.bags.salvage import Loss, Salvaged
 

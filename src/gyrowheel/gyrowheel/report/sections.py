@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gyrowheel.models.api import Model
     from gyrowheel.recordings.api import Recording
     from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
-    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+    from gyrowheel_recording.mislabelled import WrongSetup
 
 _PLAIN = Unit("", 1.0)
 _MEGABYTE = Unit("MB", 1e6)

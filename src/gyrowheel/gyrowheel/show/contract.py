@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.maps import Region
-    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+    from gyrowheel_recording.mislabelled import WrongSetup
 
 
 def comparison_json(found: Comparison) -> dict[str, Any]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-    from gyrowheel_recording.mapping.suggestion.result import Suggestion
+    from gyrowheel_recording.mapping.suggestion import Suggestion
     from gyrowheel_recording.tables import Grid
     from gyrowheel_sim.bench import Bench
 
@@ -31,7 +31,7 @@ class TableMap(Result):
 
     Attributes
     ----------
-    suggestion : gyrowheel_recording.mapping.suggestion.result.Suggestion
+    suggestion : gyrowheel_recording.mapping.suggestion.Suggestion
         The facts.
     """
 

@@ -13,7 +13,7 @@ from gyrowheel.show.layout import heading, indented, sentences, words_table
 from gyrowheel_core.quantities import short
 
 if TYPE_CHECKING:
-    from gyrowheel_recording.mapping.suggestion.result import Suggestion
+    from gyrowheel_recording.mapping.suggestion import Suggestion
 
 
 def suggestion_page(

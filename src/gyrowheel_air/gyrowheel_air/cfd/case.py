@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_air.cfd import dictionaries, openfoam, polymesh
-from gyrowheel_air.cfd.history import Torque, average, read_history, read_log
 from gyrowheel_air.cfd.mesh import MESHES, block_mesh_dict, check_tilt, get_mesh, morph
+from gyrowheel_air.cfd.openfoam import Torque, average, read_history, read_log
 from gyrowheel_air.geometry import LENGTHS, Geometry
-from gyrowheel_air.state import AirState
-from gyrowheel_air.torque import tilt_axes
+from gyrowheel_air.torque import AirState, tilt_axes
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import write_text
 from gyrowheel_core.units import DEG, RPM
@@ -42,44 +41,25 @@ _STRETCH = 200  # iterations that a case goes on for at a time; a kill costs no 
 
 @dataclass(frozen=True)
 class Case:
-    """The conditions and the method of a computation.
+    """The conditions and the method of a computation."""
 
-    Attributes
-    ----------
-    tilt : float
-        Angle of the tilt [rad].
-    spin_rate : float
-        Spin rate [rad/s].
-    direction : float
-        Angle of the axis of the tilt from the case's x axis [rad].
-    mesh : str
-        Resolution, a key of `MESHES`.
-    model : str
-        Turbulence: ``"sst"``, ``"paper"`` (k-epsilon with wall functions) or ``"laminar"``.
-    iterations, window : int
-        Iterations from the first guess on, and how many of the last are averaged.
-    settle : int
-        Iterations up to which it goes on, a window at a time, until the torque has settled; the last half of all is
-        then averaged, which must not be less than the window. 0: it does not go on.
-    start_iterations : int
-        Iterations of k-epsilon that come before another model's without a first guess.
-    density, viscosity : float
-        Air: density [kg/m^3], dynamic viscosity [Pa s].
-    lengths : tuple of float
-        Rotor radius and height, case radius and height [m].
-    """
-
-    tilt: float
-    spin_rate: float
-    direction: float = 0.0
-    mesh: str = "low_re"
-    model: str = "sst"
+    tilt: float  # angle of the tilt [rad]
+    spin_rate: float  # spin rate [rad/s]
+    direction: float = 0.0  # angle of the axis of the tilt from the case's x axis [rad]
+    mesh: str = "low_re"  # resolution, a key of `MESHES`
+    model: str = "sst"  # turbulence: ``"sst"``, ``"paper"`` (k-epsilon with wall functions) or ``"laminar"``
+    #: Iterations from the first guess on, and how many of the last are averaged.
     iterations: int = 420
     window: int = 200
+    #: Iterations up to which it goes on, a window at a time, until the torque has settled; the last half of
+    #: all is then averaged, which must not be less than the window. 0: it does not go on.
     settle: int = 0
+    #: Iterations of k-epsilon that come before another model's without a first guess.
     start_iterations: int = 100
+    #: Air: density [kg/m^3], dynamic viscosity [Pa s].
     density: float = AirState.paper().density
     viscosity: float = AirState.paper().viscosity
+    #: Rotor radius and height, case radius and height [m].
     lengths: tuple[float, float, float, float] = (0.0535, 0.038, 0.0575, 0.062)
 
     @classmethod
@@ -171,24 +151,13 @@ class Case:
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a case.
-
-    Attributes
-    ----------
-    case : Case
-        The case.
-    torque : Torque
-        Torque of the air on the rotor, on `Case.axes`.
-    y_plus : dict of str to tuple of float
-        By patch: mean and largest distance of the first cell's centre from the wall in wall units.
-    provenance : dict
-        Version, cells, iterations, first guess, residuals, CPU time.
-    """
+    """The result of a case."""
 
     case: Case
-    torque: Torque
+    torque: Torque  # torque of the air on the rotor, on `Case.axes`
+    #: By patch: mean and largest distance of the first cell's centre from the wall in wall units.
     y_plus: dict[str, tuple[float, float]]
-    provenance: dict[str, Any]
+    provenance: dict[str, Any]  # version, cells, iterations, first guess, residuals, CPU time
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values; torques in N m."""
@@ -439,13 +408,7 @@ def wall_units(case: Case, folder: Path) -> dict[str, tuple[float, float]]:
 
 
 def last_time(folder: Path) -> Path:
-    """Return the folder of the last iteration that a case has written.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the folder of the last iteration that a case has written; raises InputError if there is none."""
     times = [path for path in _times(folder) if path.name != "0"]
     if not times:
         raise InputError(f"{folder}: no solution has been written")

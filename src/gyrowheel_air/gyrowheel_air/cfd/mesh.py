@@ -25,32 +25,23 @@ _CORE, _CORE_SIDE = 0.5, 0.43
 
 @dataclass(frozen=True)
 class Resolution:
-    """How fine a mesh is.
-
-    Attributes
-    ----------
-    name : str
-        What it is called.
-    quadrant, rotor, gap, ends, mid : int
-        Cells: round a quarter turn; from the core to the rotor's radius; across the rim gap; across each end gap;
-        along the rim.
-    stretch_gap, stretch_ends, stretch_mid, stretch_rotor : float
-        Size of the largest over the smallest cell: across the rim gap and the end gaps (fine at both walls), along the
-        rim (fine at both edges of the rotor), from the core to the rotor's edge (fine at the edge).
-    wall_functions : bool
-        Whether the cells at the wall are as large as wall functions need; else they resolve the wall layer.
-    """
+    """How fine a mesh is."""
 
     name: str
+    #: Cells: round a quarter turn; from the core to the rotor's radius; across the rim gap; across each end
+    #: gap; along the rim.
     quadrant: int
     rotor: int
     gap: int
     ends: int
     mid: int
+    #: Size of the largest over the smallest cell: across the rim gap and the end gaps (fine at both walls),
+    #: along the rim (fine at both edges of the rotor), from the core to the rotor's edge (fine at the edge).
     stretch_gap: float
     stretch_ends: float
     stretch_mid: float
     stretch_rotor: float
+    #: Whether the cells at the wall are as large as wall functions need; else they resolve the wall layer.
     wall_functions: bool
 
     @property
@@ -76,13 +67,7 @@ MESHES: Final[dict[str, Resolution]] = {
 
 
 def get_mesh(name: str) -> Resolution:
-    """Return a resolution by name.
-
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-    """
+    """Return a resolution by name; raises InputError if there is none of that name."""
     if name not in MESHES:
         raise InputError(f"mesh: {name!r} is not known; allowed: {', '.join(MESHES)}")
     return MESHES[name]
@@ -119,11 +104,7 @@ def block_mesh_dict(geometry: Geometry, resolution: Resolution) -> str:
                     f"({' '.join(_n(v) for v in middle)})"
                 )
     r = resolution
-    gap, ends, mid = (
-        both_sides(r.stretch_gap),
-        both_sides(r.stretch_ends),
-        both_sides(r.stretch_mid),
-    )
+    gap, ends, mid = (both_sides(r.stretch_gap), both_sides(r.stretch_ends), both_sides(r.stretch_mid))
     out = _n(1.0 / r.stretch_rotor)
     blocks = []
     patches: dict[str, list[str]] = {"rotor": [], "case": []}
@@ -181,21 +162,9 @@ def morph(
     Points on the rotor turn with it as a rigid body; points on the case slide along the case; what lies between follows
     the walls in proportion to its distance.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-        Points of the upright mesh [m].
-    geometry : Geometry
-        Rotor and case.
-    tilt : float
-        Angle of the tilt [rad], at most `TILT_LIMIT` in size.
-    direction : float
-        Angle of the axis of the tilt from the case's x axis [rad].
-
-    Raises
-    ------
-    InputError
-        If the rotor would come too near to the case, or the tilt is beyond the limit.
+    `points` (n, 3): points of the upright mesh [m]; `geometry`: rotor and case; `tilt`: angle of the tilt
+    [rad], at most `TILT_LIMIT` in size; `direction`: angle of the axis of the tilt from the case's x axis
+    [rad]. Raises InputError if the rotor would come too near to the case, or the tilt is beyond the limit.
     """
     check_tilt(geometry, tilt)
     turn = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
@@ -216,13 +185,7 @@ def morph(
 
 
 def check_tilt(geometry: Geometry, tilt: float) -> None:
-    """Refuse a tilt for which there is no mesh.
-
-    Raises
-    ------
-    InputError
-        See above.
-    """
+    """Refuse a tilt for which there is no mesh."""
     if not abs(tilt) <= TILT_LIMIT + 1e-9:
         raise InputError(
             f"tilt: {math.degrees(tilt):g} deg is out of range; the mesh is checked from "

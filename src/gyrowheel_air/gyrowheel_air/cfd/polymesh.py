@@ -19,36 +19,19 @@ _NUMBER = r"[-+.\deEinfa]+"
 
 @dataclass(frozen=True)
 class PolyMesh:
-    """A mesh of hexahedra.
+    """A mesh of hexahedra."""
 
-    Attributes
-    ----------
-    points : (p, 3) array
-        Points [m].
-    faces : (f, 4) array of int
-        Points of each face, round its rim; the inner faces first.
-    owner : (f,) array of int
-        The cell on the back of each face.
-    neighbour : (i,) array of int
-        The cell in front of each inner face.
-    patches : dict of str to slice
-        The faces of each patch of the boundary.
-    """
-
-    points: Array
-    faces: Index
-    owner: Index
-    neighbour: Index
-    patches: dict[str, slice]
+    points: Array  # points [m]
+    faces: Index  # points of each face, round its rim; the inner faces first
+    owner: Index  # the cell on the back of each face
+    neighbour: Index  # the cell in front of each inner face
+    patches: dict[str, slice]  # the faces of each patch of the boundary
 
     @classmethod
     def read(cls, folder: Path) -> PolyMesh:
         """Read ``constant/polyMesh`` of a case (ASCII).
 
-        Raises
-        ------
-        InputError
-            If a file is missing, or a face has other than four corners.
+        Raises InputError if a file is missing, or a face has other than four corners.
         """
         folder = folder / "constant" / "polyMesh"
         corners = _integers(_list(folder / "faces").translate(_BLANK)).reshape(-1, 5)
@@ -158,16 +141,9 @@ def write_field(
 ) -> None:
     """Write a field over the cells.
 
-    Parameters
-    ----------
-    path : Path
-        File, in a time folder of a case.
-    name, dimensions : str
-        Name, and dimensions as OpenFOAM writes them without the brackets.
-    values : array or float
-        Values in the cells, shape (cells,) or (cells, 3); a number holds everywhere.
-    patches : dict of str to str
-        Text of the boundary condition of each patch.
+    `path`: file, in a time folder of a case; `name`, `dimensions`: name, and dimensions as OpenFOAM writes
+    them without the brackets; `values`: values in the cells, shape (cells,) or (cells, 3); a number holds
+    everywhere. `patches`: text of the boundary condition of each patch.
     """
     vector = not isinstance(values, float) and values.ndim == 2
     if isinstance(values, float):

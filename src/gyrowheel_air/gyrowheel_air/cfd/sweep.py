@@ -24,37 +24,19 @@ Tell = Callable[[Case, "Result | str", int, int], None]
 
 @dataclass(frozen=True)
 class Step:
-    """A case, and the case whose solution it starts from.
+    """A case, and the case whose solution it starts from."""
 
-    Attributes
-    ----------
-    case : Case
-        The case to run.
-    first : Case or None
-        Where its first guess comes from; must be of an earlier level.
-    """
-
-    case: Case
-    first: Case | None = None
+    case: Case  # the case to run
+    first: Case | None = None  # where its first guess comes from; must be of an earlier level
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a sweep.
+    """Result of a sweep."""
 
-    Attributes
-    ----------
-    results : list of Result
-        Finished cases, in the order of the plan.
-    failed : dict of str to str
-        Reason by name of the case.
-    reused : int
-        Finished cases that were there already.
-    """
-
-    results: list[Result]
-    failed: dict[str, str]
-    reused: int
+    results: list[Result]  # finished cases, in the order of the plan
+    failed: dict[str, str]  # reason by name of the case
+    reused: int  # finished cases that were there already
 
 
 def plan(

@@ -3,13 +3,16 @@
 No controller enters. For every window the torque that the measured motion needs is computed by exact inverse dynamics
 at several instants and spin angles and averaged. The means over a revolution of the flexures, of the gimbal's inertia
 and of rectified harmonics follow from that for every effect alike.
+
+The universal joint makes the spin rate ripple. The ripple follows from the measured current far more accurately than
+from a reading of the speed: over a revolution the motor's torque must be that of its current.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.instruments import Instruments
-from gyrowheel_analysis.balance.motion import Motion, mean
-from gyrowheel_analysis.balance.ripple import RippleResponse
+from gyrowheel_analysis.balance.motion import Motion, mean, summed
 from gyrowheel_analysis.balance.rows import measured_rows, predicted_rows
 from gyrowheel_analysis.balance.torques import (
     AFTER,
@@ -42,7 +44,7 @@ from gyrowheel_analysis.balance.torques import (
 )
 from gyrowheel_analysis.channels import GROUPS, in_groups, measurable
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
-from gyrowheel_analysis.reduction.windows import Windows, without_noise
+from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows, without_noise
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, TORQUE_PARAMETERS, added
@@ -51,10 +53,116 @@ __all__ = ["ActiveEffect", "Balance", "Instants"]
 
 Array = NDArray[np.float64]
 
+#: Error of the ripple that is corrected to first order [rad/s]. The coils' response to a ripple depends on the inertia,
+#: which is known to a part in a hundred at worst: the remaining error is some nN m.
+_ACCURACY = 3.0e-5
+_REPETITIONS = 4
+_FIRST_REPETITIONS = 3
+_STEP = 1e-3  # rad/s, of the derivatives by a part of the ripple
+#: Places of the amplitudes of a ripple, a real quantity: each harmonic and its conjugate; see `HARMONICS`.
+_PAIRS = tuple((HARMONICS.index(-order), HARMONICS.index(order)) for order in FORWARD)
+_MIRRORS, _PLACES = (list(places) for places in zip(*_PAIRS, strict=True))
+_PARTS = tuple((place, unit) for _, place in _PAIRS for unit in (1.0, 1j))
+
+
+@dataclass(frozen=True)
+class RippleResponse:
+    """Response of coils and motor to a small change of the ripple, about one state of the motion.
+
+    `inertia` is that about the spin axis [kg m²], `ripple` (n, harmonics, nodes) that of the state [rad/s]; `responses`
+    are the derivatives of the torques of coils and motor by each part of the ripple [N m s/rad]; `steps` (n, nodes,
+    parts, parts) are the changes of the parts of the ripple that remove those of its error.
+    """
+
+    motion: Motion
+    inertia: float
+    ripple: Any
+    responses: tuple[tuple[Any, Any], ...]
+    steps: Any
+
+    @classmethod
+    def about(
+        cls, motion: Motion, inertia: float, wanted: Any, torques: Callable[[Any], Instants]
+    ) -> RippleResponse:
+        """Return the response about a state whose motor torque has the amplitudes `wanted` (n, harmonics, nodes).
+
+        `torques` gives the state for a ripple; the other arguments are the attributes.
+        """
+        ripple = np.zeros_like(wanted)
+        for _ in range(_FIRST_REPETITIONS):
+            ripple = ripple + _error(motion, inertia, torques(ripple).motor, wanted)
+        at = torques(ripple)
+        responses = []
+        for part in range(len(_PARTS)):
+            moved = torques(ripple + _STEP * _amplitudes(np.eye(len(_PARTS))[part : part + 1]))
+            responses.append(((moved.coil - at.coil) / _STEP, (moved.motor - at.motor) / _STEP))
+        nothing = np.zeros_like(wanted)
+        slopes = [_real_parts(-_error(motion, inertia, motor, nothing)) for _, motor in responses]
+        return cls(motion, inertia, ripple, tuple(responses), np.linalg.inv(np.stack(slopes, axis=-1)))
+
+    def solved(
+        self, wanted: Any, torques: Callable[[Any], Instants], near: Instants | None = None
+    ) -> Instants:
+        """Return the state whose motor torque has the amplitudes `wanted` (n, harmonics, nodes) [N m].
+
+        `torques` gives the state for a ripple. The search begins at `ripple`, or at the state `near`: that is only the
+        step of a derivative away, and its ripple suffices.
+        """
+        ripple = self.ripple if near is None else near.ripple
+        for _ in range(_REPETITIONS):
+            at = torques(ripple)
+            parts = self._missing(at.motor, wanted)
+            if near is not None or np.abs(parts).max(initial=0.0) < _ACCURACY:
+                break
+            ripple = ripple + _amplitudes(parts)
+        return self.corrected(at, wanted)
+
+    def corrected(self, at: Instants, wanted: Any) -> Instants:
+        """Return a state with the ripple at which its motor torque has the amplitudes `wanted`, to first order."""
+        parts = self._missing(at.motor, wanted)
+        coil, motor = at.coil, at.motor
+        for index, (coil_response, motor_response) in enumerate(self.responses):
+            part = parts[:, :, index, None]
+            coil = coil + coil_response * part
+            motor = motor + motor_response * part
+        change = _amplitudes(parts)
+        rate = at.rate + summed(change, self.motion.wave).real
+        # a spin angle that passes quickly has a small share of the time
+        weights = at.weights * at.rate / rate
+        weights = weights / weights.sum(axis=(1, 2), keepdims=True)
+        return replace(at, ripple=at.ripple + change, coil=coil, motor=motor, rate=rate, weights=weights)
+
+    def _missing(self, motor: Any, wanted: Any) -> Any:
+        """Return the change of the ripple, to first order, in the parts of `_real_parts`."""
+        error = _real_parts(_error(self.motion, self.inertia, motor, wanted))
+        return (self.steps @ error[..., None])[..., 0]
+
+
+def _error(motion: Motion, inertia: float, motor: Any, wanted: Any) -> Any:
+    """Return the ripple that the motor's lack of torque gives a free shaft."""
+    left = wanted - motion.harmonics_of(motor)
+    return left / (inertia * motion.orders[None, :, None] * motion.spin[:, None, :, 0])
+
+
+def _real_parts(amplitudes: Any) -> Any:
+    """Return real and imaginary parts of the amplitudes (n, harmonics, nodes) of a ripple: (n, nodes, parts)."""
+    parts = [amplitudes[:, p].real if unit == 1.0 else amplitudes[:, p].imag for p, unit in _PARTS]
+    return np.stack(parts, axis=-1)
+
+
+def _amplitudes(parts: Any) -> Any:
+    """Return the amplitudes (..., harmonics, nodes) of a ripple with these parts (..., nodes, parts)."""
+    result = np.zeros((*parts.shape[:-2], len(HARMONICS), *parts.shape[-2:-1]), dtype=complex)
+    # real and imaginary parts are next to each other, as in complex numbers
+    values = np.swapaxes(np.ascontiguousarray(parts).view(complex), -1, -2)
+    result[..., _PLACES, :], result[..., _MIRRORS, :] = values, np.conj(values)
+    return result
+
+
 #: Bench parameters that leave the motion unchanged: those that act as a torque, those that turn torques into readings,
 #: the motor's heat, which acts at most through effects that depend on its temperature, and most of the instruments'.
 _QUICK = {*TORQUE_PARAMETERS, "coil_constant", "motor_resistance", *MOTOR_THERMAL, *INSTRUMENT_PARAMETERS}
-_STEP = 1.0e-3  # of the reference tilt: step of a derivative by a parameter that is stated as exact
+_EXACT_STEP = 1.0e-3  # of the reference tilt: step of a derivative by a parameter that is stated as exact
 
 
 class Balance:
@@ -137,7 +245,7 @@ class Balance:
         """Return the derivative of the predicted rows (N,) by a parameter of the bench, with everything as stated."""
         if name not in self._derivatives:
             values = self.bench.values()
-            step = self.bench.parameters[name].uncertainty or _STEP * self.bench.value("tilt_reference")
+            step = self.bench.parameters[name].uncertainty or _EXACT_STEP * self.bench.value("tilt_reference")
             at = self.instants(values, [])
             moved = {**values, name: values[name] + step}
             there = self.rows_at(self.instants(moved, [], at), moved)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gyrowheel_analysis.reduction.windows import HARMONICS, Windows
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, added
-from gyrowheel_sim.instruments.response import held_response, smooth_response
+from gyrowheel_sim.instruments import held_response, smooth_response
 
 Smooth = Literal["tilt", "spin_angle"]
 Held = Literal["coil_voltage", "motor_voltage", "motor_current"]
@@ -32,18 +32,11 @@ _SMALL, _LARGE = 1.0e-3, 3.0e-2
 
 @dataclass(frozen=True)
 class Instruments:
-    """The instruments of a bench, with what effects change in them.
+    """The instruments of a bench, as changed by effects.
 
-    Attributes
-    ----------
-    values : dict of str to float
-        Delay and time constant of every channel, errors of encoder and tilt sensors, by bench parameter [SI].
-    orders : dict of str to int
-        Number of poles of every filter, by channel.
-    period : float
-        Sampling period [s].
-    ripple_order : float
-        Periods a turn of the motor's ripple.
+    `values` are delay and time constant of every channel and the errors of encoder and tilt sensors, by bench parameter
+    [SI]; `orders` are the numbers of poles of every filter, by channel; `period` is the sampling period [s], and
+    `ripple_order` the number of periods of the motor's ripple in a turn.
     """
 
     values: Mapping[str, float]

@@ -1,6 +1,7 @@
 """The torques of coils and motor that the measured motion requires, by exact inverse dynamics instant by instant.
 
-Effects that act on the tilt readings are evaluated along the measured motion.
+The laws of the effects are summed target by target; the action of each target on the equations is declared once, in
+`gyrowheel_sim.effects.targets`. Effects that act on the tilt readings are evaluated along the measured motion.
 """
 
 from __future__ import annotations
@@ -206,28 +207,10 @@ class SpinAxis(NamedTuple):
 class Instants:
     """Torques that the measured motion requires at every instant of every window, for a state of the model.
 
-    Arrays are (n, nodes, phases).
-
-    Attributes
-    ----------
-    motion : Motion
-        The true motion.
-    ripple : complex ndarray (n, harmonics, nodes)
-        Amplitudes of the ripple of the spin rate [rad/s].
-    coil, motor : ndarray
-        Torques of the coils, complex, and of the motor [N m].
-    rate : ndarray
-        Spin rate [rad/s].
-    weights : ndarray
-        Weights of a mean over time.
-    laws : mapping
-        Laws of the effects by target.
-    quantities : dict
-        Quantities of the laws.
-    joint : Joint
-        Angles of the flexures.
-    axis : SpinAxis
-        The spin axis.
+    Arrays are (n, nodes, phases): the torques of the coils, complex, and of the motor [N m], the spin rate [rad/s], and
+    the weights of a mean over time; `ripple` (n, harmonics, nodes) are the amplitudes of that of the spin rate [rad/s].
+    `motion` is the true one; `laws` are those of the effects by target, and `quantities` theirs; `joint` has the angles
+    of the flexures, `axis` is the spin axis.
     """
 
     motion: Motion

@@ -22,7 +22,7 @@ from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import AFTER_TILT, TEMPERATURES, TOGETHER, Event, Kind, temperature
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import Windows
-from gyrowheel_recording.bags.sampling import pauses
+from gyrowheel_recording.bags.reader import pauses
 
 _BREAKS = 28  # times at which a trend may begin or end
 _PAUSE = 3600.0  # s between windows; longer than in any plan

@@ -79,18 +79,10 @@ def all_of(found: Sequence[Found]) -> list[Event]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The explanation of recordings: effects, an optional free form, and events.
+    """The explanation of recordings: effects given the events, and a free form if there is one.
 
-    Attributes
-    ----------
-    problem : Problem
-        With the events, their contribution subtracted from the measured rows.
-    selection : Selection
-        The effects, given the events.
-    proposal : Proposal or None
-        The free form, if there is one.
-    events : list of Found
-        The events, in order of recording and time.
+    `problem` has the events, their contribution subtracted from the measured rows; they are in order of recording and
+    time.
     """
 
     problem: Problem
@@ -310,9 +302,8 @@ def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float
     if not pairs:
         return _Dated(candidate.events, tuple(b - a for a, b in spans), candidate.gain)
     gains = _gains(evidence, [[event.at(*pair) for event in candidate.events] for pair in pairs])
-    likely = np.exp(0.5 * (gains - gains.max()))
-    mean = likely @ np.array(pairs) / likely.sum()
-    errors = np.sqrt(likely @ (np.array(pairs) - mean) ** 2 / likely.sum() + _FINE**2)
+    mean, variance = _expected(np.array(pairs), gains)
+    errors = np.sqrt(variance + _FINE**2)
     events = tuple(event.at(*mean.tolist()) for event in candidate.events)
     return _Dated(events, tuple(errors.tolist()), float(gains.max()))
 
@@ -327,10 +318,8 @@ def _swinging(evidence: Evidence, candidate: Candidate) -> _Dated:
         peaks = middle + period * 2.0 * part * np.linspace(-1.0, 1.0, 11)
         pairs = [(a, b) for a in peaks.tolist() for b in periods.tolist()]
         gains = _gains(evidence, [[event.at(*pair) for event in candidate.events] for pair in pairs])
-        likely = np.exp(0.5 * (gains - gains.max()))
-        mean = likely @ np.array(pairs) / likely.sum()
-        spread = np.sqrt(likely @ (np.array(pairs) - mean) ** 2 / likely.sum())
-        (peak, period), errors = mean.tolist(), tuple(spread.tolist())
+        mean, variance = _expected(np.array(pairs), gains)
+        (peak, period), errors = mean.tolist(), tuple(np.sqrt(variance).tolist())
     events = tuple(event.at(peak, period) for event in candidate.events)
     return _Dated(events, errors, _gain(evidence, [events]))
 
@@ -367,10 +356,15 @@ def _by_windows(
     edges = [tuple(t if i == k else own for i, own in enumerate(first.edges)) for t in span.tolist()]
     edges = [own for own in edges if len(own) == 1 or own[1] > own[0] + _FINE]
     gains = _gains(evidence, [[event.at(*own) for event in events] for own in edges])
+    mean, variance = _expected(np.array([own[k] for own in edges]), gains)
+    return float(mean), math.sqrt(float(variance) + _FINE**2)
+
+
+def _expected(points: Array, gains: Array) -> tuple[Array, Array]:
+    """Return the mean and the variance of points that have these gains in twice the log likelihood."""
     likely = np.exp(0.5 * (gains - gains.max()))
-    times = np.array([own[k] for own in edges])
-    mean = float(likely @ times / likely.sum())
-    return mean, math.sqrt(float(likely @ (times - mean) ** 2 / likely.sum()) + _FINE**2)
+    mean = likely @ points / likely.sum()
+    return mean, likely @ (points - mean) ** 2 / likely.sum()
 
 
 def _same(left: Sequence[Found], right: Sequence[Found]) -> bool:

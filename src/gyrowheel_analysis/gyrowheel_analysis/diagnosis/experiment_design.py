@@ -1,4 +1,4 @@
-"""Experiment design: detection limits, the plan that separates two terms best, the test that improves precision."""
+"""Experiment design: detection limits, plans that separate two terms or improve precision, and separating channels."""
 
 from __future__ import annotations
 

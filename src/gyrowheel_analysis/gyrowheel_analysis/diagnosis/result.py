@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
     from gyrowheel_analysis.residuals.growth import Growth
     from gyrowheel_analysis.residuals.maps import Region
-    from gyrowheel_recording.mislabelled.fixes import WrongSetup
+    from gyrowheel_recording.mislabelled import WrongSetup
 
 Left = Literal["", "recording", "speed", "azimuth", "time"]
 Reason = Literal["predicted", "unfixed", "event", "differs", "resembles", "misfit", "no_gain", "not_tried"]

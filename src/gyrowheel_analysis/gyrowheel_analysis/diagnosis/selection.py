@@ -210,7 +210,7 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     at = problem.measured - current.residual
     result = []
     for term in pool:
-        own = problem.amplitude_columns(term, current, at, current.jacobian)
+        own = problem.prediction.amplitude_columns(term, current, at, current.jacobian)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
         total = np.linalg.norm(columns, axis=0)
         columns = columns - basis @ (basis.T @ columns)

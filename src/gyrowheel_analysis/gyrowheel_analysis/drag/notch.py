@@ -19,19 +19,9 @@ RADIUS: Final = 0.97
 
 
 def notched(readings: Readings, needed: tuple[str, ...], period: float) -> dict[str, NDArray[np.float64]]:
-    """Return filtered readings, as the drag estimator averages them.
+    """Return the readings `FILTERED` by name, filtered as the drag estimator averages them; NaN where a sample is lost.
 
-    Parameters
-    ----------
-    readings, needed : Readings, tuple of str
-        Consecutive readings (n) [SI], and those without which a sample counts as lost.
-    period : float
-        Sampling interval [s].
-
-    Returns
-    -------
-    dict of str to ndarray (n,)
-        The readings `FILTERED` by name; NaN where a sample is lost.
+    A sample without one of the readings `needed` counts as lost; `period` is the sampling interval [s].
     """
     whole = readings.whole(needed)
     state, every = np.full(4 * len(COLUMNS) + 1, math.nan), np.full((len(readings), len(COLUMNS)), math.nan)

@@ -40,20 +40,10 @@ def believed_bench(model: Model) -> Bench:
 class HoldPrediction:
     """Integrals over the windows of a hold by a believed model; those of further windows add.
 
-    The columns of every array are coil x, coil y and motor.
-
-    Attributes
-    ----------
-    length : float
-        Length of the windows [s].
-    torque, air, errors : ndarray (3,)
-        Torque that the motion needs, the share of effects of the air in it, and the contribution of errors of
-        actuators and readings by the model [N m s].
-    voltage : ndarray (3,)
-        Predicted voltages [V s].
-    changes : ndarray (uncertainties, 3)
-        Change of the expected torque reading if one uncertain quantity of the model is one standard error larger
-        [N m s].
+    `length` is that of the windows [s]. The columns of every array are coil x, coil y and motor: torque that the motion
+    needs, the share of effects of the air in it, and the contribution of errors of actuators and readings [N m s]; the
+    predicted voltages [V s]; and the `changes` (uncertainties, 3) of the expected torque reading if one uncertain
+    quantity of the model is one standard error larger [N m s].
     """
 
     length: float

@@ -78,18 +78,9 @@ def drag_estimates(
 ) -> Iterator[Estimate]:
     """Yield the drag estimates of a whole run, as a `DragStream` gives them.
 
-    Parameters
-    ----------
-    stamps_ns : ndarray (n,)
-        Sampling instants, ascending [ns].
-    readings : Readings
-        Readings (n) [SI].
-    setpoints : structured ndarray (m,)
-        ``stamp_ns`` and the fields of the Setpoint message, in the order of time.
-    model, period, settled
-        As for `DragEstimator`.
-    environment : sequence of Environment
-        Environments of the rig, with times [s] on the clock of the stamps.
+    `stamps_ns` (n,) are the sampling instants, ascending [ns], of `readings` (n) [SI]; `setpoints` have ``stamp_ns``
+    and the fields of the Setpoint message, in the order of time; the times of `environment` [s] are on the clock of the
+    stamps. `model`, `period` and `settled` are those of `DragEstimator`.
     """
     estimator = DragEstimator(model, period, settled=settled)
     estimator.set_environment(environment)

@@ -35,17 +35,10 @@ _FLAT = 1.0e3
 class Noise:
     """Noise of several recordings: for each, one covariance a row of averages and one deviation an amplitude.
 
-    Attributes
-    ----------
-    averages : tuple of tuple of (DriftCovariance, str)
-        For each recording the covariances of the averages in the order of their rows, each with the name of its drift.
-    amplitudes : tuple of ndarray
-        For each recording the standard deviations of its further rows, which carry no drift.
-    scales : dict of str to float
-        Magnitude of each drift over the stated one.
-    events : ndarray (N, events) or None
-        Rows of changes in the middle of a recording, by large sizes. Whitening projects them out of all rows, which
-        fits their sizes along with everything else.
+    `averages` has, for each recording, the covariances of the averages in the order of their rows, each with the name
+    of its drift; `amplitudes` the standard deviations of its further rows, which carry no drift; `scales` are the
+    magnitudes of each drift over the stated one. `events` (N, events) are rows of changes in the middle of a recording,
+    by large sizes. Whitening projects them out of all rows, which fits their sizes along with everything else.
     """
 
     averages: tuple[tuple[tuple[DriftCovariance, str], ...], ...]

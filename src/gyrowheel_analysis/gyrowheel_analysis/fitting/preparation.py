@@ -25,7 +25,7 @@ from gyrowheel_analysis.reduction.windows import Coverage, Windows
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.bags.sampling import require_rate
+from gyrowheel_recording.bags.reader import require_rate
 from gyrowheel_recording.derived import assumed_errors, lacking, largest_errors, shares, unmeasured
 from gyrowheel_sim.bench import Bench
 
@@ -70,22 +70,11 @@ class TooFewWindowsError(InputError):
 
 @dataclass(frozen=True)
 class Prepared:
-    """Recordings with their fit problem.
+    """Recordings with their fit problem, and with those for validation.
 
-    Attributes
-    ----------
-    problem : Problem
-        The fit problem, with the magnitudes of the drifts estimated from the recordings.
-    names : list of str
-        The recordings in it, in order.
-    windows : int
-        Number of their windows.
-    coverage : Coverage
-        Use of the recordings.
-    validation : Prepared or None
-        Recordings that take no part in fit and drift estimate; None if none of them has a window.
-    shown : list of Shown
-        The instruments of each as its samples show them.
+    `problem` has the magnitudes of the drifts estimated from the recordings; `names` are these in order, `windows` is
+    the number of their windows, `coverage` their use, and `shown` the instruments of each as its samples show them.
+    `validation` has recordings that take no part in fit and drift estimate; None if none of them has a window.
     """
 
     problem: Problem
@@ -120,19 +109,12 @@ def one_thread() -> Iterator[None]:
 
 
 def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
-    """Return the columns of a recording that the reduction needs.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    incomplete : bool
-        Whether readings that can be derived from others may be missing (`derived`).
+    """Return the columns of a recording that the reduction needs; `incomplete` allows for derived readings.
 
     Raises
     ------
     InputError
-        If a reading that cannot be derived was never measured, or the samples are too far apart.
+        If a reading that cannot be derived from others was never measured, or the samples are too far apart.
     """
     require_rate(recording)
     absent = unmeasured(recording.readings)

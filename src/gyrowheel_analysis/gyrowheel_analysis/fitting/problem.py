@@ -29,20 +29,10 @@ FILTERED = ("tilt", "coil_voltage")
 class Problem:
     """Everything that a fit needs; immutable: another noise makes another problem.
 
-    Attributes
-    ----------
-    prediction : Prediction
-        Predicts the rows of the recordings.
-    noise : Noise
-        Noise of the measured rows.
-    base : ndarray (N,)
-        Rows predicted with everything as stated.
-    base_jacobian : ndarray (N, q)
-        Their derivatives by the nuisance unknowns.
-    events : tuple of Event
-        Changes in the middle of a recording, whose sizes are estimated.
-    removed : tuple of float
-        Sizes of the events that are already subtracted from the measured rows.
+    `prediction` predicts the rows of the recordings, `noise` is that of the measured rows; `base` (N,) are the rows
+    predicted with everything as stated, `base_jacobian` (N, q) their derivatives by the nuisance unknowns. `events` are
+    changes in the middle of a recording, whose sizes are estimated; sizes `removed` are already subtracted from the
+    measured rows.
     """
 
     prediction: Prediction
@@ -99,10 +89,6 @@ class Problem:
     def term_jacobian(self, term: Term, point: Point, at: Array, names: Sequence[str] | None = None) -> Array:
         """Return derivatives by the coefficients of a term, see `Prediction.term_jacobian`."""
         return self.prediction.term_jacobian(term, point, at, names)
-
-    def amplitude_columns(self, term: Term, point: Point, at: Array, nuisance: Array) -> Array:
-        """Return derivatives by the amplitudes of an absent term, see `Prediction.amplitude_columns`."""
-        return self.prediction.amplitude_columns(term, point, at, nuisance)
 
     def jacobian(self, point: Point, at: Array) -> Array:
         """Return the derivatives of the rows by all unknowns, those by the nuisance unknowns taken as stated."""

@@ -23,7 +23,7 @@ from gyrowheel_analysis.reduction.quality import taper
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.windows import FORWARD, Windows
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments.response import held_response, smooth_response
+from gyrowheel_sim.instruments import held_response, smooth_response
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -239,17 +239,9 @@ _SEEN = 0.3
 class Line:
     """A line that stays at one frequency.
 
-    Attributes
-    ----------
-    mains, multiple : float, int
-        Nominal frequency of the mains [Hz], and which multiple of it this is.
-    frequency, frequency_error : float
-        Where it is [Hz].
-    amplitudes : dict of str to (float, float)
-        Amplitude in the readings of every channel, and its standard error [SI]. A channel in which it cannot be
-        measured is missing.
-    found : frozenset of str
-        Channels in which it stands above the noise.
+    It is the `multiple` of the nominal frequency `mains` [Hz], at `frequency` with a standard error [Hz]. `amplitudes`
+    has the amplitude in the readings of every channel, and its standard error [SI]; a channel in which it cannot be
+    measured is missing. `found` are the channels in which it stands above the noise.
     """
 
     mains: float

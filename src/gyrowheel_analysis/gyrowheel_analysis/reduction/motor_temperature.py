@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_recording.bags.sampling import PAUSE
+from gyrowheel_recording.bags.reader import PAUSE
 from gyrowheel_sim.bench import Bench
 
 #: Bench parameters on which the computed motor temperatures depend.
@@ -26,16 +26,8 @@ _PAUSE = round(PAUSE / _THERMAL_STEP)  # steps without a sample, after which the
 def motor_temperatures(data: Samples, bench: Bench) -> tuple[Array, Array, Array]:
     """Compute the temperatures of the motor's winding and magnets from the recorded current.
 
-    At the start of the recording the motor is assumed to have the air temperature.
-
-    Returns
-    -------
-    time : ndarray (m,)
-        Instants [s].
-    temperature : ndarray (m, 2)
-        Winding and magnets [K].
-    sensitivity : ndarray (m, 2, 4)
-        Derivatives by the parameters of `MOTOR_THERMAL`.
+    At the start of the recording the motor is assumed to have the air temperature. Returns instants (m,) [s], the
+    temperatures (m, 2) [K], and their derivatives (m, 2, 4) by the parameters of `MOTOR_THERMAL`.
     """
     stated = np.array([bench.value(name) for name in MOTOR_THERMAL])
     if len(data.time) == 0:

@@ -55,18 +55,10 @@ def onset(
     end: float,
     other: float | None = None,
 ) -> tuple[float, float] | None:
-    """Return the instant at which a quantity changed, and its standard error [s]; None where the samples hide it.
+    """Return the instant at which quantities changed, and its standard error [s]; None where the samples hide it.
 
-    Parameters
-    ----------
-    data, bench : Samples, Bench
-        The recording and its bench.
-    quantities : sequence of str
-        Changed quantities, see `fitting.events.QUANTITIES`: one, or both axes of the same.
-    begin, end : float
-        Range of the time of the change [s].
-    other : float, optional
-        Time of the opposite change, before or after [s].
+    `quantities` are one of `fitting.events.QUANTITIES`, or both axes of the same. They changed between `begin` and
+    `end` and, if given, the opposite way at the time `other`, before or after [s].
     """
     i, j = np.searchsorted(data.time, (begin - _BESIDE, end + _BESIDE))
     count = (j - i) // _BLOCK

@@ -62,19 +62,11 @@ _MOST_TOGETHER, _TOGETHER = 3, 10
 
 
 def readable(data: Samples, bench: Bench) -> tuple[Samples, Array, tuple[str, ...]]:
-    """Return a recording in which every reading is a number.
+    """Return a recording in which every reading is a number, the times of dropped samples [s], and assumptions.
 
-    Readings of `data` that were not taken are not finite; the bench gives the state of air that was never measured.
-
-    Returns
-    -------
-    data : Samples
-        Without the samples that lack one of `NEEDED`, as if they had been lost. Missing temperatures and pressures,
-        which change slowly, are interpolated. The same object if nothing is missing.
-    without : ndarray (m,)
-        Times of the dropped samples [s].
-    assumed : tuple of str
-        Quantities that were never measured, and the assumption instead.
+    Samples that lack one of `NEEDED` (not finite) are dropped as if they had been lost. Missing temperatures and
+    pressures, which change slowly, are interpolated; the bench gives the state of air that was never measured. The
+    assumptions are sentences about quantities that were never measured. Complete recordings are returned unchanged.
     """
     data = _without_frozen(data)
     finite = np.isfinite(data.readings.array)
@@ -221,21 +213,11 @@ def _quantised(values: Array) -> bool:
 
 
 def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
-    """Fit columns of readings (n, columns) robustly against spikes.
+    """Fit columns of readings (n, columns), real or complex, robustly against spikes.
 
-    Parameters
-    ----------
-    readings : ndarray (n, columns)
-        Real or complex.
-    design, gram : ndarray (n, terms), ndarray (terms, terms)
-        Terms that are fitted to each column, and the inverse of ``design.T @ design``.
-
-    Returns
-    -------
-    readings : ndarray (n, columns)
-        The readings, each isolated spike replaced by the value of the fit to all others.
-    fit, left : ndarray (columns, terms), ndarray (n, columns)
-        Coefficients of the columns of `design`, and the residuals.
+    `design` (n, terms) has the terms that are fitted to each column, `gram` is the inverse of ``design.T @ design``.
+    Returns the readings with each isolated spike replaced by the value of the fit to all others, the coefficients
+    (columns, terms), and the residuals (n, columns).
     """
     pseudo, as_read = gram @ design.T, readings
     fit, left = _fitted(readings, design, pseudo)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import CONE_DRIFT, CONE_OFF_SPEED
 from gyrowheel_analysis.reduction.clock import evened
-from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL, motor_temperatures
+from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import READING_NOISES, clipped_readings, readable, reading_noise
 from gyrowheel_analysis.reduction.samples import Array, Samples, loop_period
 from gyrowheel_analysis.reduction.window_fit import (
@@ -25,19 +25,17 @@ from gyrowheel_analysis.reduction.window_fit import (
 )
 from gyrowheel_analysis.reduction.windows import (
     DEGREE,
-    FORWARD,
-    HARMONICS,
     MEAN,
-    MODULATION,
     RISE,
     Coverage,
     Windows,
     attitude,
+    still_row,
 )
 from gyrowheel_control.plans.plan import HOLD, Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
-from gyrowheel_recording.bags.sampling import PAUSE, pauses
+from gyrowheel_recording.bags.reader import PAUSE, pauses
 from gyrowheel_sim.bench import Bench
 
 #: Settling time at the start of a steady motion [s]; the spin loop is the slower one.
@@ -157,32 +155,18 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
             spin[:2] = s.spin + slope * middle, slope * 0.5 * duration
             samples = duration / h
             rows.append(
-                {
+                still_row()
+                | {
                     "start": s.start + s.ramp + middle - 0.5 * duration,
                     "duration": duration,
                     "samples": samples,
                     "segment": -1,
                     "tilt": s.tilt * np.exp(1j * s.cone_rate * middle) * series,
-                    "tilt_harmonics": np.zeros((len(HARMONICS), MODULATION), dtype=complex),
                     "spin": spin,
-                    "current_harmonics": np.zeros((len(HARMONICS), MODULATION), dtype=complex),
-                    "coil_voltage": 0.0j,
-                    "motor_voltage": 0.0,
-                    "motor_current": 0.0,
                     "coil_temperature": noise("air_temperature") + warm,
-                    "coil_temperature_rate": 0.0,
                     "air_temperature": noise("air_temperature"),
                     "air_pressure": noise("air_pressure") * s.environment.air_density_ratio,
                     "motor_temperatures": np.full(2, noise("air_temperature")),
-                    "motor_temperature_rates": np.zeros(2),
-                    "temperature_sensitivity": np.zeros((2, len(MOTOR_THERMAL))),
-                    "coil_harmonics": np.zeros(len(FORWARD), dtype=complex),
-                    "angle_harmonics": np.zeros(len(FORWARD), dtype=complex),
-                    "harmonic_variance": np.ones(len(FORWARD)),
-                    "hum_variance": np.zeros((2, len(FORWARD))),
-                    "spin_ripple": 0.0j,
-                    "current_ripple": 0.0j,
-                    "voltage_ripple": 0.0j,
                     **attitude(s.environment),
                     # variance at the ends of a polynomial of this degree: see `fit_window`
                     "tilt_rate_variance": (

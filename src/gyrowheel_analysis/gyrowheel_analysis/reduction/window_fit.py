@@ -57,22 +57,10 @@ def fit_window(
 ) -> dict[str, Any] | None:
     """Reduce samples i .. j-1, shortened to whole revolutions.
 
-    Parameters
-    ----------
-    data, i, j : Samples, int, int
-        The recording, and the samples of the window.
-    periods : (float, float, float)
-        Sampling period of the recording, duration of a held voltage by its stamp, and the period of the loop [s].
-    bench : Bench
-        Gives the order of the motor's ripple.
-    heat, noise
-        As `motor_temperatures` and `reading_noise` return them.
-
-    Returns
-    -------
-    dict or None
-        The fields of `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot
-        follow the motion. None if there are too few samples or revolutions.
+    `periods` are the sampling period of the recording, the duration of a held voltage by its stamp, and the period of
+    the loop [s]; `heat` and `noise` are the results of `motor_temperatures` and `reading_noise`. Returns the fields of
+    `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot follow the motion.
+    Returns None if there are too few samples or revolutions.
     """
     h, hold, loop = periods
     if j - i < 3 * FEWEST_REVOLUTIONS:

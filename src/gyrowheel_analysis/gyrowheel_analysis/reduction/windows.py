@@ -73,6 +73,26 @@ MEAN = np.array([1.0 / (k + 1) if k % 2 == 0 else 0.0 for k in range(DEGREE + 1)
 RISE = np.array([2.0 if k % 2 else 0.0 for k in range(DEGREE + 1)])
 
 
+def still_row() -> dict[str, Any]:
+    """Return the attributes of a window without motion, voltages, noise and temperatures, for `Windows.of`."""
+    orders, harmonics = len(FORWARD), np.zeros((len(HARMONICS), MODULATION), dtype=complex)
+    return dict.fromkeys((own.name for own in fields(Windows)), 0.0) | {
+        **dict.fromkeys(("coil_voltage", "spin_ripple", "current_ripple", "voltage_ripple"), 0.0j),
+        "tilt": np.zeros(DEGREE + 1, dtype=complex),
+        "tilt_harmonics": harmonics,
+        "spin": np.zeros(DEGREE),
+        "current_harmonics": harmonics,
+        "motor_temperatures": np.zeros(2),
+        "motor_temperature_rates": np.zeros(2),
+        "temperature_sensitivity": np.zeros((2, len(MOTOR_THERMAL))),
+        "coil_harmonics": np.zeros(orders, dtype=complex),
+        "angle_harmonics": np.zeros(orders, dtype=complex),
+        "harmonic_variance": np.ones(orders),
+        "hum_variance": np.zeros((2, orders)),
+        "reading_noise": np.zeros(len(READING_NOISES)),
+    }
+
+
 @dataclass(frozen=True)
 class Windows:
     """Reduced windows, arrays over the windows (n).
@@ -182,22 +202,8 @@ class Windows:
         names = [item.name for item in fields(cls)]
         if rows:
             return cls(**{name: np.array([row[name] for row in rows]) for name in names})
-        harmonics = (0, len(HARMONICS), MODULATION)
-        shapes: dict[str, Any] = {
-            "tilt": (0, DEGREE + 1),
-            "tilt_harmonics": harmonics,
-            "spin": (0, DEGREE),
-            "current_harmonics": harmonics,
-            "coil_harmonics": (0, len(FORWARD)),
-            "angle_harmonics": (0, len(FORWARD)),
-            "harmonic_variance": (0, len(FORWARD)),
-            "hum_variance": (0, 2, len(FORWARD)),
-            "motor_temperatures": (0, 2),
-            "motor_temperature_rates": (0, 2),
-            "temperature_sensitivity": (0, 2, len(MOTOR_THERMAL)),
-            "reading_noise": (0, len(READING_NOISES)),
-        }
-        return cls(**{name: np.zeros(shapes.get(name, 0)) for name in names})
+        row = still_row()
+        return cls(**{name: np.zeros((0, *np.shape(row[name]))) for name in names})
 
     def select(self, rows: Any) -> Windows:
         """Return some of the windows (index or mask)."""

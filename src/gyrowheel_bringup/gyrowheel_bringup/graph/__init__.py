@@ -19,14 +19,6 @@ from gyrowheel_bringup.graph.results import GraphError, GraphResult, Progress
 from gyrowheel_bringup.graph.session import Graph
 
 __all__ = [
-    "EXECUTABLES",
-    "Graph",
-    "GraphError",
-    "GraphResult",
-    "Progress",
-    "executables",
-    "find_executable",
-    "node_parameters",
-    "require_free",
-    "run_executable",
-]
+    "EXECUTABLES", "Graph", "GraphError", "GraphResult", "Progress", "executables", "find_executable",
+    "node_parameters", "require_free", "run_executable",
+]  # fmt: skip

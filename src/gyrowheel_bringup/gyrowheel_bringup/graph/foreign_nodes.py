@@ -43,14 +43,8 @@ class Strangers:
     Every node of the graph watches the topics that it reads and reports topics with several publishers in its status;
     the reports are collected here. A publisher of a topic that no node of the graph publishes is found by its name.
 
-    Parameters
-    ----------
-    node : Node
-        A node of this process.
-    names : collection of str
-        The nodes of the graph; a topic whose own node is not among them may come from any node.
-    namespace : str
-        Namespace of the nodes of the graph.
+    `node`: a node of this process; `names`: the nodes of the graph; a topic whose own node is not among them
+    may come from any node. `namespace`: namespace of the nodes of the graph.
     """
 
     def __init__(self, node: Node, names: Collection[str], namespace: str = "") -> None:
@@ -111,20 +105,10 @@ def require_free(
 ) -> None:
     """Refuse to start a bench where another one runs in the same namespace of the same ROS domain.
 
-    Parameters
-    ----------
-    names : collection of str
-        The nodes that are to be started.
-    namespace : str
-        Their namespace: empty for the root, else such as ``/bench2``.
-    seconds : float
-        How long to look for them [s], from when a second node of this process was found: as long as that is not
-        found, others may not be either.
-
-    Raises
-    ------
-    InputError
-        With the names of the nodes that are there.
+    `names`: the nodes that are to be started; `namespace`: their namespace: empty for the root, else such as
+    ``/bench2``; `seconds`: how long to look for them [s], from when a second node of this process was found:
+    as long as that is not found, others may not be either. Raises InputError with the names of the nodes that
+    are there.
     """
     prepare_environment()
     remove_dead()

@@ -61,17 +61,8 @@ def without(name: str, text: str, nodes: Collection[str]) -> list[str]:
 def namespace_of(text: str, pushed: str = "") -> str:
     """Return the namespace of a launch file's nodes: empty for the root, else such as ``/lab/bench2``.
 
-    Parameters
-    ----------
-    text : str
-        The argument.
-    pushed : str
-        The namespace into which the file is included (``PushRosNamespace``); a relative one is within it.
-
-    Raises
-    ------
-    InputError
-        If it is no namespace of ROS.
+    `text`: the argument; `pushed`: the namespace into which the file is included (``PushRosNamespace``); a
+    relative one is within it. Raises InputError if it is no namespace of ROS.
     """
     own = namespaces.checked(text)
     return own if text.startswith("/") else namespaces.of_node(pushed) + own

@@ -54,19 +54,6 @@ class Link:
         Whether some nodes have other names of topics.
     on_trouble : callable or None
         Called with the name of a node and one line when it reports a warning or an error; once for each kind.
-
-    Attributes
-    ----------
-    starting : bool
-        Whether nodes with the same names that are not of this graph are still searched.
-    active : set of str
-        Nodes that have reported that they are active.
-    strangers : dict of str to str
-        Nodes with the same names that are not of this graph, and their process ids.
-    values : dict of str to dict
-        Values of the last status of each active node.
-    estimates : list of Estimate
-        Drag estimates so far.
     """
 
     def __init__(
@@ -81,11 +68,13 @@ class Link:
     ) -> None:
         self._names, self._processes, self._namespace = names, processes, namespace
         self._on_trouble = on_trouble
+        #: Whether nodes with the same names that are not of this graph are still searched.
         self.starting = True
-        self.active: set[str] = set()
+        self.active: set[str] = set()  # nodes that have reported that they are active
+        #: Nodes with the same names that are not of this graph, and their process ids.
         self.strangers: dict[str, str] = {}
-        self.values: dict[str, dict[str, str]] = {}
-        self.estimates: list[Estimate] = []
+        self.values: dict[str, dict[str, str]] = {}  # values of the last status of each active node
+        self.estimates: list[Estimate] = []  # drag estimates so far
         self._said: dict[str, str] = {}  # message of the last status
         self._told: dict[str, float] = {}  # when it was sent [s of the system's clock]
         self._walked = 0.0  # when the last plan ended [s of the system's clock]
@@ -178,10 +167,8 @@ class Link:
     ) -> RunPlan.Result:
         """Send a plan to the conductor and wait for its end.
 
-        Raises
-        ------
-        GraphError
-            If no conductor is there, it refuses or aborts the plan, the plan makes no progress, or a node fails.
+        Raises GraphError if no conductor is there, it refuses or aborts the plan, the plan makes no progress,
+        or a node fails.
         """
         end = time.monotonic() + stall_timeout
         while not self._plans.server_is_ready():

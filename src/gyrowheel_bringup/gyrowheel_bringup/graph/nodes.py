@@ -126,14 +126,8 @@ _Dumper.add_representer(
 def write_parameters(file: Path, parameters: Mapping[str, object], node: str = "/**") -> None:
     """Write parameters into a file for ``--params-file``.
 
-    Parameters
-    ----------
-    file : Path
-        The file.
-    parameters : mapping
-        Values by name; each has the type in the node that it has here.
-    node : str
-        Full name of the node that they are for.
+    `parameters`: values by name; each has the type in the node that it has here. `node`: full name of the
+    node that they are for.
     """
     content = {node: {"ros__parameters": dict(parameters)}}
     file.write_text(yaml.dump(content, Dumper=_Dumper), encoding="utf-8")

@@ -90,21 +90,9 @@ class Child:
 class Processes:
     """The processes of the nodes of a graph, forks of one launcher (`gyrowheel_core.start_node`).
 
-    Parameters
-    ----------
-    work : Path
-        Folder for their parameters and logs.
-    domain_id : int or None
-        ROS domain; None: that of the environment.
-    namespace : str
-        Namespace of the nodes: empty for the root, else such as ``/bench2``.
-    show_logs : bool
-        Whether `show` copies their logs to stderr.
-
-    Attributes
-    ----------
-    children : dict of str to Child
-        The processes, by the names of their nodes.
+    `work`: folder for their parameters and logs; `domain_id`: ROS domain; None: that of the environment.
+    `namespace`: namespace of the nodes: empty for the root, else such as ``/bench2``; `show_logs`: whether
+    `show` copies their logs to stderr.
     """
 
     def __init__(self, work: Path, *, domain_id: int | None, namespace: str, show_logs: bool) -> None:
@@ -118,7 +106,7 @@ class Processes:
         }
         if domain_id is not None:
             self._environment["ROS_DOMAIN_ID"] = str(domain_id)
-        self.children: dict[str, Child] = {}
+        self.children: dict[str, Child] = {}  # the processes, by the names of their nodes
         self._launcher: subprocess.Popen[bytes] | None = None
         self._reported = b""  # by the launcher, up to the end of the last line
 
@@ -127,19 +115,9 @@ class Processes:
     ) -> dict[str, int]:
         """Start nodes and return their process ids.
 
-        Parameters
-        ----------
-        parameters : mapping
-            Their parameters: {node: {parameter: value}}.
-        renamed : mapping
-            Other names of topics and services: {node: {name: other name}}.
-
-        Raises
-        ------
-        InputError
-            If an executable is not installed.
-        GraphError
-            If the launcher fails.
+        `parameters`: their parameters: {node: {parameter: value}}; `renamed`: other names of topics and
+        services: {node: {name: other name}}. Raises InputError if an executable is not installed. Raises
+        GraphError if the launcher fails.
         """
         requests = [self._request(name, parameters[name], renamed.get(name, {})) for name in parameters]
         log = self._work / "launcher.log"
@@ -277,13 +255,8 @@ def share_core(pids: Mapping[str, int], number: int) -> None:
     To wake a process on another core takes longer than on the same core, on virtual machines much longer, and two cores
     of which one waits for the other gain nothing. With a single core, or without such control, nothing changes.
 
-    Parameters
-    ----------
-    pids : mapping of str to int
-        Process id of each node.
-    number : int
-        Number of the graph, which chooses the core, counted cyclically from the first allowed one: other graphs
-        should have other numbers.
+    `pids`: process id of each node; `number`: number of the graph, which chooses the core, counted cyclically
+    from the first allowed one: other graphs should have other numbers.
     """
     if not hasattr(os, "sched_setaffinity"):
         return
@@ -315,19 +288,8 @@ def node_process(
 ) -> Iterator[subprocess.Popen[str]]:
     """Run a single node for the time of the block.
 
-    Parameters
-    ----------
-    executable : tuple of str
-        Its package and executable.
-    arguments : sequence of str
-        Its arguments of ROS.
-    stdout, stderr : file or int, optional
-        As `subprocess.Popen` takes them.
-
-    Raises
-    ------
-    InputError
-        If the executable is not installed.
+    `executable`: its package and executable; `arguments`: its arguments of ROS; `stdout`, `stderr`: as
+    `subprocess.Popen` takes them. Raises InputError if the executable is not installed.
     """
     process = subprocess.Popen(
         [str(find_executable(*executable)), "--ros-args", *arguments],

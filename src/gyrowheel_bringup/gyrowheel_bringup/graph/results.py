@@ -37,61 +37,36 @@ class GraphError(RuntimeError):
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a plan.
+    """Progress of a plan."""
 
-    Attributes
-    ----------
-    segment, segments : int
-        Number of the current segment, from 0, and number of segments.
-    label : str
-        Label of the current segment.
-    elapsed, duration : float
-        Simulated time since the start of the plan, and its length [s].
-    """
-
+    #: Number of the current segment, from 0, and number of segments.
     segment: int
     segments: int
-    label: str
+    label: str  # label of the current segment
+    #: Simulated time since the start of the plan, and its length [s].
     elapsed: float
     duration: float
 
 
 @dataclass(frozen=True)
 class GraphResult:
-    """Result of a run of a plan.
+    """Result of a run of a plan."""
 
-    Attributes
-    ----------
-    plan : str
-        Name of the plan.
-    segments : int
-        Segments completed.
-    simulated_seconds, wall_seconds : float
-        Simulated time of the plan, and wall-clock time from its acceptance to its end [s].
-    recording : Path or None
-        Directory of the recording.
-    samples : int
-        Samples recorded; 0 without a recording.
-    counts : dict of str to int
-        Messages recorded, by topic; empty without a recording, and while it is in progress.
-    pids : dict of str to int
-        Process ids of the nodes.
-    pace : dict of str to float
-        In real time, the counts of the plant: ``late_commands``, ``missing_commands``, ``held_samples``,
-        ``late_samples``, ``displaced_samples``, ``worst_delay_ms``, ``behind_s``; empty in lock-step.
-    estimates : tuple of Estimate
-        Drag estimates of the plan, in the order of time; without those of the last hold while the graph goes on.
-    """
-
-    plan: str
-    segments: int
+    plan: str  # name of the plan
+    segments: int  # segments completed
+    #: Simulated time of the plan, and wall-clock time from its acceptance to its end [s].
     simulated_seconds: float
     wall_seconds: float
-    recording: Path | None
-    samples: int
+    recording: Path | None  # directory of the recording
+    samples: int  # samples recorded; 0 without a recording
+    #: Messages recorded, by topic; empty without a recording, and while it is in progress.
     counts: Mapping[str, int]
-    pids: Mapping[str, int]
+    pids: Mapping[str, int]  # process ids of the nodes
+    #: In real time, the counts of the plant: ``late_commands``, ``missing_commands``, ``held_samples``,
+    #: ``late_samples``, ``displaced_samples``, ``worst_delay_ms``, ``behind_s``; empty in lock-step.
     pace: Mapping[str, float] = field(default_factory=dict)
+    #: Drag estimates of the plan, in the order of time; without those of the last hold while the graph goes
+    #: on.
     estimates: tuple[Estimate, ...] = ()
 
     @property

@@ -65,10 +65,7 @@ def remove_dead(place: Path = _SHARED) -> list[str]:
 def remove_left(names: Collection[str]) -> None:
     """Remove shared memory that killed processes used, unless somebody else holds it.
 
-    Parameters
-    ----------
-    names : collection of str
-        As `used_by` returns them; those already gone are left alone.
+    `names`: as `used_by` returns them; those already gone are left alone.
     """
     for name in names:
         _remove(_SHARED, name)

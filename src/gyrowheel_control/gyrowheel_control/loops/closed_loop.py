@@ -24,30 +24,17 @@ _CHUNK = 20000  # samples computed between two reports of progress
 
 @dataclass(frozen=True)
 class Run:
-    """Result of a closed-loop run.
+    """Result of a closed-loop run."""
 
-    Attributes
-    ----------
-    measurement : ndarray (n, 11)
-        Readings, columns `gyrowheel_sim.instruments.readings.Reading` [SI]; sample k is at k times the sample period.
-    stamps : ndarray (n,)
-        Stamp that the clock of the instruments gave each sample [ns].
-    command : ndarray (n, 3)
-        Commands, columns `gyrowheel_control.loops.kernel.CommandColumn`; row k answers sample k [V].
-    setpoints : structured ndarray
-        Setpoints, dtype `gyrowheel_control.plans.plan.SETPOINT_DTYPE`.
-    environment : list of Environment
-        Changes by the operator.
-    bench : Bench
-        The bench as its file describes it.
-    """
-
+    #: Readings, columns `gyrowheel_sim.instruments.readings.Reading` [SI]; sample k is at k times the sample
+    #: period.
     measurement: NDArray[np.float64]
+    #: Commands, columns `gyrowheel_control.loops.kernel.CommandColumn`; row k answers sample k [V].
     command: NDArray[np.float64]
-    setpoints: NDArray[Any]
-    environment: Sequence[Environment]
-    bench: Bench
-    stamps: NDArray[np.int64]
+    setpoints: NDArray[Any]  # setpoints, dtype `gyrowheel_control.plans.plan.SETPOINT_DTYPE`
+    environment: Sequence[Environment]  # changes by the operator
+    bench: Bench  # the bench as its file describes it
+    stamps: NDArray[np.int64]  # stamp that the clock of the instruments gave each sample [ns]
 
     @property
     def duration(self) -> float:

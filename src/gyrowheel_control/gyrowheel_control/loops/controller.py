@@ -16,9 +16,8 @@ from gyrowheel_control.loops.kernel import (
     ControllerState,
     SetpointColumn,
 )
-from gyrowheel_sim import columns
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments.readings import Reading, source
 from gyrowheel_sim.jit import compile_source, kernel_text
 from gyrowheel_sim.parameter import Gains as Gains
 
@@ -64,7 +63,7 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
 @functools.cache
 def _code() -> ModuleType:
     """Return the compiled module of the controller alone, which its node needs without the plant."""
-    text = f"{columns.source(ControllerState)}\n\n{kernel_text(*_KERNEL)}"
+    text = f"{source(ControllerState)}\n\n{kernel_text(*_KERNEL)}"
     return compile_source(text, "the tilt and spin loops")
 
 
@@ -72,10 +71,7 @@ def _code() -> ModuleType:
 def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
     """Return the compiled module of plant, controller and closed loop with every effect that the plant can have.
 
-    Parameters
-    ----------
-    declared : tuple of Effect
-        Effects in addition to the registered ones.
+    `declared`: effects in addition to the registered ones.
     """
     # the laws of the plant need SymPy, which takes long to load and which a controller alone does not need
     from gyrowheel_sim.plant.compiled import compiled_plant
@@ -91,12 +87,8 @@ def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
 class Controller:
     """The tilt and spin loops, one sample at a time.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench as its file describes it: the controller knows nothing else.
-    gains : Gains, optional
-        Gains of the loops; those of the bench file if not given.
+    `bench`: the bench as its file describes it: the controller knows nothing else; `gains`: gains of the
+    loops; those of the bench file if not given.
     """
 
     def __init__(self, bench: Bench, gains: Gains | None = None) -> None:
@@ -122,14 +114,9 @@ class Controller:
     ) -> tuple[float, float, float]:
         """Return (coil voltage x, coil voltage y, motor voltage) [V] that answer one sample.
 
-        Parameters
-        ----------
-        measurement : sequence of 11 floats
-            The sample (`gyrowheel_sim.instruments.readings.Reading`).
-        setpoint : sequence of 6 floats
-            The setpoint (`gyrowheel_control.loops.kernel.SetpointColumn`).
-        age_s : float
-            Time of the sample minus time of the setpoint [s]; the setpoint is continued by its rates.
+        `measurement`: the sample (`gyrowheel_sim.instruments.readings.Reading`); `setpoint`: the setpoint
+        (`gyrowheel_control.loops.kernel.SetpointColumn`); `age_s`: time of the sample minus time of the
+        setpoint [s]; the setpoint is continued by its rates.
         """
         x, y, x_rate, y_rate, spin, acceleration = setpoint
         return self._update(

@@ -102,10 +102,7 @@ class SetpointGuard:
     def admit(self, setpoint: Sequence[float]) -> tuple[float, ...] | None:
         """Return the setpoint that the loops may follow, or None for an invalid one.
 
-        Parameters
-        ----------
-        setpoint : sequence of 6 floats
-            tilt_x, tilt_y [rad], their rates [rad/s], spin rate [rad/s] and acceleration [rad/s^2].
+        `setpoint`: tilt_x, tilt_y [rad], their rates [rad/s], spin rate [rad/s] and acceleration [rad/s^2].
         """
         x, y, _, _, spin, _ = setpoint
         if not all(map(math.isfinite, setpoint)) or not 0.0 <= spin <= self._spin_limit:
@@ -132,12 +129,8 @@ _NEARER = 0.9
 class Rest:
     """Ramp from the last setpoint to rest: held for `HOLD_TIME`, then tilt and spin go to zero.
 
-    Parameters
-    ----------
-    setpoint : sequence of 6 floats
-        The last setpoint (`gyrowheel_control.loops.kernel.SetpointColumn`).
-    since_ns : int
-        From when on none holds [ns].
+    `setpoint`: the last setpoint (`gyrowheel_control.loops.kernel.SetpointColumn`); `since_ns`: from when on
+    none holds [ns].
     """
 
     def __init__(self, setpoint: Sequence[float], since_ns: int) -> None:
@@ -159,17 +152,8 @@ class Tracking:
     The wheel may lag on a ramp, and a step may take long: only an error counts that persists at a constant setpoint
     and does not decrease.
 
-    Parameters
-    ----------
-    tilt, spin : float
-        Errors beyond which the wheel is off: of the tilt [rad], of the spin rate [rad/s].
-    patience : float
-        How long it may be [s].
-
-    Attributes
-    ----------
-    lost : str
-        Setpoint and reading, in one line, once the wheel has not followed for too long; empty while it follows.
+    `tilt`, `spin`: errors beyond which the wheel is off: of the tilt [rad], of the spin rate [rad/s];
+    `patience`: how long it may be [s].
     """
 
     def __init__(self, tilt: float, spin: float, patience: float) -> None:
@@ -177,6 +161,8 @@ class Tracking:
         self._patience = patience
         self._since: int | None = None  # when the error was last seen to fall, or the setpoint to move [ns]
         self._off = math.inf  # the error over its bound then
+        #: Setpoint and reading, in one line, once the wheel has not followed for too long; empty while it
+        #: follows.
         self.lost = ""
 
     def observe(
@@ -184,16 +170,8 @@ class Tracking:
     ) -> bool:
         """Compare a sample with the setpoint in force; return whether the wheel has just been lost.
 
-        Parameters
-        ----------
-        stamp : int
-            Stamp of the sample [ns].
-        tilt_x, tilt_y : float
-            Tilt [rad].
-        spin_rate : float
-            Spin rate [rad/s].
-        setpoint : sequence of 6 floats
-            The setpoint (`gyrowheel_control.loops.kernel.SetpointColumn`).
+        `stamp`: stamp of the sample [ns]; `tilt_x`, `tilt_y`: tilt [rad]; `spin_rate`: spin rate [rad/s];
+        `setpoint`: the setpoint (`gyrowheel_control.loops.kernel.SetpointColumn`).
         """
         x, y, rate_x, rate_y, spin, acceleration = setpoint
         error_x, error_y, error = tilt_x - x, tilt_y - y, spin_rate - spin

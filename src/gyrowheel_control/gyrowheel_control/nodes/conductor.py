@@ -31,9 +31,15 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from gyrowheel_control.loops.supervision import Tracking, plan_tilt_limit, tilt_limit
-from gyrowheel_control.nodes.bench_observer import TimeSources, WheelWatch
-from gyrowheel_control.nodes.controller_limit import ControllerLimit
-from gyrowheel_control.nodes.setpoint_stream import SETPOINT_PERIOD_NS, SetpointStream, at_rest, final_hold
+from gyrowheel_control.nodes.bench_exchange import (
+    SETPOINT_PERIOD_NS,
+    ControllerLimit,
+    SetpointStream,
+    TimeSources,
+    WheelWatch,
+    at_rest,
+    final_hold,
+)
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import RAMP, Plan
 from gyrowheel_core import namespaces, topics, wire
@@ -63,35 +69,18 @@ TRACKING_LOST = "tracking_lost"
 
 @dataclass
 class Walk:
-    """A plan in progress.
+    """A plan in progress."""
 
-    Attributes
-    ----------
-    goal, plan, setpoints : ServerGoalHandle, Plan, ndarray
-        The goal of the action, its plan, and the setpoints of the plan.
-    tilt_limit : float
-        Tilt limit of the plan [rad].
-    waits_for : str
-        The condition that is missing before the start.
-    start_ns : int or None
-        Time of the start [ns]; None before it.
-    deadline : float
-        Time up to which subscribers may appear, by `time.monotonic` [s].
-    timeless : float or None
-        Time since which only the bench's time is missing, by the same clock [s].
-    told : tuple of int
-        Segment and second of the last feedback.
-    """
-
+    #: The goal of the action, its plan, and the setpoints of the plan.
     goal: ServerGoalHandle
     plan: Plan
     setpoints: NDArray[Any]
-    tilt_limit: float
-    waits_for: str = "somebody who listens to the setpoints"
-    start_ns: int | None = None
-    deadline: float = 0.0
-    timeless: float | None = None
-    told: tuple[int, int] = (-1, -1)
+    tilt_limit: float  # tilt limit of the plan [rad]
+    waits_for: str = "somebody who listens to the setpoints"  # the condition that is missing before the start
+    start_ns: int | None = None  # time of the start [ns]; None before it
+    deadline: float = 0.0  # time up to which subscribers may appear, by `time.monotonic` [s]
+    timeless: float | None = None  # time since which only the bench's time is missing, by the same clock [s]
+    told: tuple[int, int] = (-1, -1)  # segment and second of the last feedback
 
 
 class PlanServer(ActionServer):

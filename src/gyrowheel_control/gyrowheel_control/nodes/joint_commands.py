@@ -25,12 +25,8 @@ from gyrowheel_sim.bench import Bench
 class Efforts:
     """Turns efforts of the joints into voltages of coils and motor.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench as its file describes it: its constants are those of the conversion.
-    meaning : str
-        What an effort is: ``torque`` [N·m], or ``voltage`` [V].
+    `bench`: the bench as its file describes it: its constants are those of the conversion; `meaning`: what an
+    effort is: ``torque`` [N·m], or ``voltage`` [V].
     """
 
     def __init__(self, bench: Bench, meaning: str) -> None:
@@ -45,12 +41,8 @@ class Efforts:
     def voltages(self, efforts: Sequence[float], spin_rate: float) -> tuple[float, float, float]:
         """Return coil voltage x, coil voltage y and motor voltage [V].
 
-        Parameters
-        ----------
-        efforts : sequence of 3 floats
-            Of the joints, in the order of `gyrowheel_core.topics.JOINTS`.
-        spin_rate : float
-            Measured spin rate, whose voltage the motor must overcome [rad/s].
+        `efforts`: of the joints, in the order of `gyrowheel_core.topics.JOINTS`; `spin_rate`: measured spin
+        rate, whose voltage the motor must overcome [rad/s].
         """
         x, y, spin = efforts
         if self._voltage:
@@ -62,10 +54,7 @@ class Efforts:
 def efforts_of(names: Sequence[str], values: Sequence[float]) -> tuple[float, float, float]:
     """Return the efforts in the order of their voltages from a message; other joints in it are left alone.
 
-    Raises
-    ------
-    InputError
-        If a joint is missing or named twice, or an effort is missing or no number.
+    Raises InputError if a joint is missing or named twice, or an effort is missing or no number.
     """
     if len(values) != len(names):
         raise InputError(f"effort: {len(values)} values for {len(names)} joints; allowed: one for each")

@@ -13,38 +13,24 @@ from gyrowheel_sim.environment import Environment
 
 @dataclass(frozen=True)
 class Segment:
-    """One ramp to a state and the steady motion after it [SI].
+    """One ramp to a state and the steady motion after it [SI]."""
 
-    Attributes
-    ----------
-    start, ramp, hold : float
-        Start time, time of the ramp, and time of the steady motion [s].
-    tilt_from, tilt : complex
-        Tilt angles phi_x + i phi_y before and after the ramp [rad].
-    spin_from, spin, spin_end : float
-        Spin rate before and after the ramp, and at the end of the steady motion [rad/s].
-    cone_rate : float
-        Rate at which the tilt turns about the case axis during the steady motion [rad/s]; 0 for a hold.
-    environment : Environment
-        The environment in which it runs.
-    label : str
-        What it is called.
-    block : int
-        Number of the block of the plan file that it comes from.
-    """
-
+    #: Start time, time of the ramp, and time of the steady motion [s].
     start: float
     ramp: float
     hold: float
+    #: Tilt angles phi_x + i phi_y before and after the ramp [rad].
     tilt_from: complex
     tilt: complex
+    #: Spin rate before and after the ramp, and at the end of the steady motion [rad/s].
     spin_from: float
     spin: float
     spin_end: float
+    #: Rate at which the tilt turns about the case axis during the steady motion [rad/s]; 0 for a hold.
     cone_rate: float
-    environment: Environment
+    environment: Environment  # the environment in which it runs
     label: str
-    block: int = 0
+    block: int = 0  # number of the block of the plan file that it comes from
 
     @property
     def end(self) -> float:
@@ -73,14 +59,7 @@ class Excess(NamedTuple):
 def holding_torque(bench: Bench, spin_rate: float, tilt: float) -> float:
     """Return the torque of the detuned flexures at a tilt [N m].
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    spin_rate : float
-        Spin rate [rad/s].
-    tilt : float
-        Tilt [rad].
+    `spin_rate`: spin rate [rad/s]; `tilt`: tilt [rad].
     """
     stiffness = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
     return abs(stiffness - 0.5 * bench.tuning_inertia * spin_rate * spin_rate) * tilt
@@ -134,16 +113,8 @@ def motor_volts(bench: Bench, spin_rate: float, acceleration: float) -> float:
 def possible_slew(bench: Bench, s: Segment, share: float = 1.0, table: float = 1.0) -> float:
     """Return the rate of the tilt that the coils can follow in a segment [rad/s]; 0 or less where there is none.
 
-    Parameters
-    ----------
-    bench : Bench
-        The bench.
-    s : Segment
-        The segment, whose speed, tilts and rate table count, not its own rates.
-    share : float
-        Part of what the coils may give.
-    table : float
-        Part of the rate of the table.
+    `s`: the segment, whose speed, tilts and rate table count, not its own rates; `share`: part of what the
+    coils may give; `table`: part of the rate of the table.
     """
     v = bench.value
     torque = share * COIL_SHARE * v("coil_voltage_limit") * v("coil_constant") - held_torque(bench, s)

@@ -46,8 +46,7 @@ What this gives each node:
 """
 
 from gyrowheel_core.node.base import SURPLUS, WAITS_FOR, WARN, BenchNode, Fault, NodeStatus
-from gyrowheel_core.node.endpoints import Newcomers
-from gyrowheel_core.node.inbox import Inbox
+from gyrowheel_core.node.endpoints import Inbox, Newcomers
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, is_refused
 from gyrowheel_core.node.process import (
@@ -64,26 +63,7 @@ from gyrowheel_core.node.requests import RepeatedRequest
 from gyrowheel_core.start_node import PARENT_VARIABLE
 
 __all__ = [
-    "AUTOSTART",
-    "PARENT_VARIABLE",
-    "PRIORITY",
-    "SURPLUS",
-    "TORN",
-    "WAITS_FOR",
-    "WARN",
-    "BenchNode",
-    "ExitCode",
-    "Fault",
-    "Inbox",
-    "Newcomers",
-    "NodeStatus",
-    "Param",
-    "RepeatedRequest",
-    "StopSignals",
-    "is_refused",
-    "make_executor",
-    "parameter_help",
-    "prepare_environment",
-    "run_node",
-    "spin",
-]
+    "AUTOSTART", "PARENT_VARIABLE", "PRIORITY", "SURPLUS", "TORN", "WAITS_FOR", "WARN", "BenchNode",
+    "ExitCode", "Fault", "Inbox", "Newcomers", "NodeStatus", "Param", "RepeatedRequest", "StopSignals",
+    "is_refused", "make_executor", "parameter_help", "prepare_environment", "run_node", "spin",
+]  # fmt: skip

@@ -22,8 +22,7 @@ from rclpy.timer import Timer
 
 from gyrowheel_core import namespaces, topics
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node.endpoints import PublisherWatch
-from gyrowheel_core.node.inbox import Inbox
+from gyrowheel_core.node.endpoints import Inbox, PublisherWatch
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, prioritise
 from gyrowheel_core.start_node import PARENT_VARIABLE
@@ -49,12 +48,7 @@ def _unused(_: Any) -> None:
 class Fault(RuntimeError):
     """A condition in which a node cannot go on.
 
-    Parameters
-    ----------
-    name : str
-        Name that scripts can rely on, such as ``controller_silent``.
-    message : str
-        One line for people.
+    `name`: name that scripts can rely on, such as ``controller_silent``; `message`: one line for people.
     """
 
     def __init__(self, name: str, message: str) -> None:
@@ -65,20 +59,11 @@ class Fault(RuntimeError):
 
 @dataclass
 class NodeStatus:
-    """Status of a node, as published on ``/diagnostics``.
+    """Status of a node, as published on ``/diagnostics``."""
 
-    Attributes
-    ----------
-    message : str
-        One line.
-    values : mapping of str to object
-        Named values, published as text.
-    level : bytes
-        Level of `diagnostic_msgs.msg.DiagnosticStatus`: ``OK``, ``WARN`` or ``ERROR``.
-    """
-
-    message: str = "running"
-    values: Mapping[str, object] = field(default_factory=dict)
+    message: str = "running"  # one line
+    values: Mapping[str, object] = field(default_factory=dict)  # named values, published as text
+    #: Level of `diagnostic_msgs.msg.DiagnosticStatus`: ``OK``, ``WARN`` or ``ERROR``.
     level: bytes = DiagnosticStatus.OK
 
 

@@ -16,31 +16,18 @@ _KINDS: dict[type, str] = {bool: "true or false", int: "a whole number", float: 
 
 @dataclass(frozen=True)
 class Param:
-    """The declaration of one node parameter.
-
-    Attributes
-    ----------
-    name : str
-        Name.
-    default : bool, int, float or str
-        Value where none is given; its type is the type of the parameter. A whole number given for a float is
-        taken as one.
-    description : str
-        One line, with the unit.
-    low, high : float, optional
-        Smallest and largest value of a number.
-    choices : tuple of str
-        The allowed values of a text; empty: any text.
-    live : bool
-        Whether it may be changed at any time; the others are fixed once the node is configured.
-    """
+    """The declaration of one node parameter."""
 
     name: str
+    #: Value where none is given; its type is the type of the parameter. A whole number given for a float is
+    #: taken as one.
     default: bool | int | float | str
-    description: str
+    description: str  # one line, with the unit
+    #: Smallest and largest value of a number.
     low: float | None = None
     high: float | None = None
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  # the allowed values of a text; empty: any text
+    #: Whether it may be changed at any time; the others are fixed once the node is configured.
     live: bool = False
 
     @property

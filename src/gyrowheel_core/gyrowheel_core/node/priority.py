@@ -31,10 +31,7 @@ PRIORITY = Param(
 def raise_priority(level: int) -> bool:
     """Give this process a real-time priority (``SCHED_FIFO``); return whether the system allows it.
 
-    Parameters
-    ----------
-    level : int
-        Priority, 1 .. 99; 0 changes nothing.
+    `level`: priority, 1 .. 99; 0 changes nothing.
     """
     if level == 0:
         return True
@@ -74,10 +71,7 @@ def lock_memory() -> bool:
 def keep_pace(level: int) -> dict[str, str]:
     """Raise the priority and lock the memory as far as the system allows; return the result as values of a status.
 
-    Parameters
-    ----------
-    level : int
-        Real-time priority, 1 .. 99; 0 changes nothing.
+    `level`: real-time priority, 1 .. 99; 0 changes nothing.
     """
     if level == 0:
         return {}

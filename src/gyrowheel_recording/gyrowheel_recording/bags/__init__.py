@@ -8,17 +8,6 @@ from gyrowheel_recording.bags.writer import RecordingWriter, write_run
 from gyrowheel_recording.derived import Origin, described
 
 __all__ = [
-    "Integrity",
-    "Loss",
-    "Origin",
-    "Recording",
-    "RecordingInfo",
-    "RecordingWriter",
-    "Salvaged",
-    "described",
-    "info",
-    "load_loops",
-    "parted",
-    "salvage",
-    "write_run",
-]
+    "Integrity", "Loss", "Origin", "Recording", "RecordingInfo", "RecordingWriter", "Salvaged", "described",
+    "info", "load_loops", "parted", "salvage", "write_run",
+]  # fmt: skip

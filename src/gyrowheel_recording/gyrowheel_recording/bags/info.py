@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_core.arrays import by_blocks
-from gyrowheel_recording.bags.metadata import METADATA_FILE, read_metadata
-from gyrowheel_recording.bags.publishers import ENTRY, Publisher, from_text
-from gyrowheel_recording.bags.reader import Integrity, Recording
-from gyrowheel_recording.bags.sampling import usual_step
+from gyrowheel_recording.bags.metadata import ENTRY, METADATA_FILE, Publisher, from_text, read_metadata
+from gyrowheel_recording.bags.reader import Integrity, Recording, usual_step
 
 _HOLD = 1  # Setpoint.HOLD
 _SAME_RATE = 0.1  # part by which a mean rate is off where a bench stood still for long
@@ -22,84 +20,38 @@ _SAME_RATE = 0.1  # part by which a mean rate is off where a bench stood still f
 
 @dataclass(frozen=True)
 class Hold:
-    """A stretch in which the setpoints are constant.
+    """A stretch in which the setpoints are constant."""
 
-    Attributes
-    ----------
-    segment : int
-        Segment of the plan.
-    start, duration : float
-        Start from the start of the recording, and length [s].
-    tilt_x, tilt_y : float
-        Commanded tilt in the middle of the stretch [rad].
-    spin_rate : float
-        Commanded spin rate [rad/s].
-    """
-
-    segment: int
+    segment: int  # segment of the plan
+    #: Start from the start of the recording, and length [s].
     start: float
     duration: float
+    #: Commanded tilt in the middle of the stretch [rad].
     tilt_x: float
     tilt_y: float
-    spin_rate: float
+    spin_rate: float  # commanded spin rate [rad/s]
 
 
 @dataclass(frozen=True)
 class RecordingInfo:
-    """Summary of a recording.
+    """Summary of a recording."""
 
-    Attributes
-    ----------
-    path : str
-        Where it is.
-    size : int
-        Of its files [bytes].
-    bench : str
-        Name of the bench that the recording states; empty if it states none.
-    duration : float
-        From the first to the last sample [s].
-    rate : float
-        Samples per second, gaps not counted [1/s]; 0 for a single sample.
-    topics : dict of str to int
-        Number of messages of every topic.
-    integrity : Integrity
-        Missing and other faulty samples.
-    segments : int
-        Segments of test plans that have a hold; 0 where no setpoints were recorded.
-    holds : tuple of Hold
-        The holds.
-    spin_rate : tuple of float
-        Smallest and largest spin rate measured [rad/s].
-    tilt : tuple of float
-        Smallest and largest tilt magnitude measured [rad].
-    rigs : tuple of str
-        Attitudes of the rig that were planned, in order.
-    unchecked : int
-        Messages that no checksum covers.
-    machine : str
-        Name of the machine; empty where unknown.
-    namespace : str
-        Namespace in which the bench ran, such as ``/bench2``; empty for the root.
-    publishers : tuple of Publisher
-        Who published what, where the recorder has stated it.
-    """
-
-    path: str
-    size: int
-    bench: str
-    duration: float
-    rate: float
-    topics: dict[str, int]
-    integrity: Integrity
-    segments: int
+    path: str  # where it is
+    size: int  # of its files [bytes]
+    bench: str  # name of the bench that the recording states; empty if it states none
+    duration: float  # from the first to the last sample [s]
+    rate: float  # samples per second, gaps not counted [1/s]; 0 for a single sample
+    topics: dict[str, int]  # number of messages of every topic
+    integrity: Integrity  # missing and other faulty samples
+    segments: int  # segments of test plans that have a hold; 0 where no setpoints were recorded
     holds: tuple[Hold, ...]
-    spin_rate: tuple[float, float]
-    tilt: tuple[float, float]
-    rigs: tuple[str, ...]
-    unchecked: int = 0
-    machine: str = ""
-    namespace: str = ""
-    publishers: tuple[Publisher, ...] = ()
+    spin_rate: tuple[float, float]  # smallest and largest spin rate measured [rad/s]
+    tilt: tuple[float, float]  # smallest and largest tilt magnitude measured [rad]
+    rigs: tuple[str, ...]  # attitudes of the rig that were planned, in order
+    unchecked: int = 0  # messages that no checksum covers
+    machine: str = ""  # name of the machine; empty where unknown
+    namespace: str = ""  # namespace in which the bench ran, such as ``/bench2``; empty for the root
+    publishers: tuple[Publisher, ...] = ()  # who published what, where the recorder has stated it
 
 
 def info(source: str | Path | Recording) -> RecordingInfo:

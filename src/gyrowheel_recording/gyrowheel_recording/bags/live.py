@@ -12,7 +12,7 @@ from typing import Literal
 from gyrowheel_core import topics, wire
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags.columns import STALL
-from gyrowheel_recording.bags.publishers import ENTRY, Division, Publisher, Source, to_text
+from gyrowheel_recording.bags.metadata import ENTRY, Division, Publisher, Source, to_text
 from gyrowheel_recording.bags.writer import RecordingWriter
 
 _REMEMBERED = 10_000  # numbers of samples that may still come out of order
@@ -55,19 +55,11 @@ class SampleCount:
 
 
 class StallCount:
-    """Finds the times at which the bench stood still: no sample is missing, and the stamps go on much later.
-
-    Attributes
-    ----------
-    number : int
-        How many there were.
-    last : str
-        The last one, in words; empty without one.
-    """
+    """Finds the times at which the bench stood still: no sample is missing, and the stamps go on much later."""
 
     def __init__(self) -> None:
-        self.number = 0
-        self.last = ""
+        self.number = 0  # how many there were
+        self.last = ""  # the last one, in words; empty without one
         self._first: tuple[int, int] | None = None  # stamp and sequence number of the first sample
         self._before = (0, 0)  # of the last one
         self._period = 0  # shortest step of the stamps so far [ns]
@@ -103,17 +95,6 @@ class LiveRecording:
         Returns the GIDs of those publishers of a topic that are there now; by default all that it has had.
     namespace : str
         Namespace in which the bench runs: empty for the root, else such as ``/bench2``.
-
-    Attributes
-    ----------
-    writer : RecordingWriter
-        The writer.
-    count : SampleCount
-        Counts of the samples.
-    surplus_commands : int
-        Commands for a sample that had been answered.
-    stalls : StallCount
-        Where the bench stood still.
     """
 
     def __init__(
@@ -130,8 +111,8 @@ class LiveRecording:
             directory, max_size=max_size, max_duration=max_duration, reserve=True, namespace=namespace
         )
         self._namespace = namespace
-        self.count = SampleCount()
-        self.surplus_commands = 0
+        self.count = SampleCount()  # counts of the samples
+        self.surplus_commands = 0  # commands for a sample that had been answered
         self._answered = -1  # sample that the last command answered
         self._look = look
         self._source: Source | None = None
@@ -142,20 +123,16 @@ class LiveRecording:
                 functools.partial(present, topics.MEASUREMENT) if present else lambda: [g for g, _ in had()],
             )
         self._divisions: dict[Topic, Division] = {}
-        self.stalls = StallCount()
+        self.stalls = StallCount()  # where the bench stood still
         self._now: int | None = None  # stamp of the latest measurement [ns]
         self._early: list[tuple[Topic, bytes]] = []  # came before the first measurement
 
     def take(self, topic: Topic, data: bytes, number: int | None = None) -> bool:
         """Write one message; return False if it is the first sample of another run, which is not written.
 
-        A recording is of one run: a sample of another publisher is left out and counted as surplus. `number` is the
-        number that its publisher gave the message, where known.
-
-        Raises
-        ------
-        InputError
-            If the disk refuses it.
+        A recording is of one run: a sample of another publisher is left out and counted as surplus. `number`
+        is the number that its publisher gave the message, where known. Raises InputError if the disk refuses
+        it.
         """
         try:
             stamp = None if topic.layout is None else wire.stamp(data)
@@ -181,13 +158,7 @@ class LiveRecording:
         return True
 
     def close(self) -> None:
-        """Complete the recording.
-
-        Raises
-        ------
-        InputError
-            If the disk refuses it.
-        """
+        """Complete the recording; raises InputError if the disk refuses it."""
         self._write_early(0)
         self._state()
         self.writer.close()

@@ -56,13 +56,8 @@ class Storage(Protocol):
 def open_storage(path: Path, names: Collection[str]) -> Storage:
     """Open a recording that `read_bag` has read, and so checked; `names` are its topics that have messages.
 
-    Compressed files and those of SQLite are unpacked into memory, as far as the limit allows; messages of others
-    are read from the disk when they are due.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read.
+    Compressed files and those of SQLite are unpacked into memory, as far as the limit allows; messages of
+    others are read from the disk when they are due. Raises InputError if it cannot be read.
     """
     if path.is_file():
         return _Streamed(path) if path.suffix == ".mcap" else _Loaded(path, names)

@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import NDArray
 
 from gyrowheel_core import topics, wire
 from gyrowheel_core.arrays import by_blocks, picked
@@ -32,33 +33,17 @@ _TEXTS = (topics.ENVIRONMENT, topics.BENCH)
 
 @dataclass(frozen=True)
 class Integrity:
-    """Whether the samples of a recording are complete, by their sequence numbers.
+    """Whether the samples of a recording are complete, by their sequence numbers."""
 
-    Attributes
-    ----------
-    samples : int
-        Different samples.
-    missing : int
-        Samples missing between the recorded ones.
-    gaps : tuple of (int, int)
-        First sequence number and length of each gap, in order.
-    duplicates : int
-        Further copies of a sample; they are dropped.
-    out_of_order : int
-        Samples that follow a later one in the file; they are sorted.
-    not_finite : int
-        Samples with a reading that is not a finite number, or no reading of any bench (`readings.POSSIBLE`).
-    stalls : tuple of (float, float)
-        Where the stamps go on much later although no sample is missing, so that the bench, or what samples it, stood
-        still: start [s from the first sample] and length of each [s], in order.
-    """
-
-    samples: int
-    missing: int = 0
-    gaps: tuple[tuple[int, int], ...] = ()
-    duplicates: int = 0
-    out_of_order: int = 0
+    samples: int  # different samples
+    missing: int = 0  # samples missing between the recorded ones
+    gaps: tuple[tuple[int, int], ...] = ()  # first sequence number and length of each gap, in order
+    duplicates: int = 0  # further copies of a sample; they are dropped
+    out_of_order: int = 0  # samples that follow a later one in the file; they are sorted
+    #: Samples with a reading that is not a finite number, or no reading of any bench (`readings.POSSIBLE`).
     not_finite: int = 0
+    #: Where the stamps go on much later although no sample is missing, so that the bench, or what samples it,
+    #: stood still: start [s from the first sample] and length of each [s], in order.
     stalls: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -383,3 +368,52 @@ def _environment(messages: list[str], start_ns: int, where: str) -> list[Environ
     start = start_ns * 1e-9
     before = [replace(event, time=0.0) for event in events if event.time <= start]
     return before[-1:] + [replace(event, time=event.time - start) for event in events if event.time > start]
+
+
+#: A longer time without samples is a pause [s].
+PAUSE: Final = 60.0
+_STRIDE: Final = 1000  # samples between those that are looked at first
+
+
+def pauses(time: NDArray[np.float64], longest: float = PAUSE) -> NDArray[np.float64]:
+    """Return the pauses between samples: times of the last sample before and of the first one after each [s], (k, 2).
+
+    Code whose time or memory grows with the length of a recording must leave them out: they may last for years.
+    `time` (n,) ascends [s]; `longest` is the longest time without samples that is no pause [s].
+    """
+    # a pause lies between two of those that are looked at first
+    few = np.append(time[::_STRIDE], time[-1:])
+    found = []
+    for k in (np.flatnonzero(np.diff(few) > longest) * _STRIDE).tolist():
+        near = time[k : k + _STRIDE + 1]
+        at = np.flatnonzero(np.diff(near) > longest)
+        found.append(np.column_stack([near[at], near[at + 1]]))
+    return np.concatenate(found) if found else np.zeros((0, 2))
+
+
+#: Sampling periods that a recording of a wheel can have [s].
+SHORTEST: Final = 5e-6
+LONGEST: Final = 0.05
+_LOOKED_AT: Final = 100_001  # samples
+
+
+def usual_step(recording: Recording) -> float:
+    """Return the usual time from one sample to the next [s], of two samples at least."""
+    return 1e-9 * float(np.median(np.diff(recording.measurement["stamp_ns"][:_LOOKED_AT])))
+
+
+def require_rate(recording: Recording) -> None:
+    """Refuse a recording whose samples are too far apart, or too close, for any analysis.
+
+    Raises
+    ------
+    InputError
+        If they are.
+    """
+    if len(recording.measurement) < 2:
+        return
+    step = usual_step(recording)
+    if not SHORTEST <= step <= LONGEST:
+        raise InputError(
+            f"{recording.path}: a sample every {1e3 * step:.6g} ms; allowed: {1e3 * SHORTEST:g} .. {1e3 * LONGEST:g} ms"
+        )

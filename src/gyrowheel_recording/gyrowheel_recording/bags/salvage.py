@@ -20,15 +20,15 @@ import numpy.typing as npt
 import zstandard
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import is_file, new_directory, require_new
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import is_file, new_directory, require_new, require_room
 from gyrowheel_core.wire import SECOND
 from gyrowheel_core.yaml_text import read_yaml
-from gyrowheel_recording.bags.mcap.format import CHANNEL, RECORD_HEAD, SCHEMA
+from gyrowheel_recording.bags.mcap import RECORD_HEAD, Op
 from gyrowheel_recording.bags.mcap.records import Damaged, Fields, Found, find_messages
 from gyrowheel_recording.bags.mcap.survey import LOOSE, Gap, Survey, load_piece, take_survey
 from gyrowheel_recording.bags.mcap.writer import McapWriter
 from gyrowheel_recording.bags.metadata import (
+    ENTRY,
     METADATA_FILE,
     BagFile,
     Metadata,
@@ -37,7 +37,6 @@ from gyrowheel_recording.bags.metadata import (
     read_metadata,
     write_metadata,
 )
-from gyrowheel_recording.bags.publishers import ENTRY
 from gyrowheel_recording.bags.read_bag import file_in_memory, read_bag, unpack
 from gyrowheel_recording.bags.reader import Integrity, Recording
 from gyrowheel_recording.bags.writer import being_written
@@ -50,76 +49,40 @@ _LONGEST: Final = np.uint64(250_000_000)
 
 @dataclass(frozen=True)
 class Loss:
-    """A stretch of a file that could not be saved.
+    """A stretch of a file that could not be saved."""
 
-    Attributes
-    ----------
-    file : str
-        Name of the file.
-    reason : str
-        What is wrong.
-    byte, size : int
-        Where it begins, and how long it is [bytes].
-    messages : int or None
-        Messages in it; None where no index counts them.
-    start, end : float or None
-        Times of its messages from the first one of the recording [s]; None where they are not stated.
-    """
-
-    file: str
-    reason: str
+    file: str  # name of the file
+    reason: str  # what is wrong
+    #: Where it begins, and how long it is [bytes].
     byte: int
     size: int
-    messages: int | None = None
+    messages: int | None = None  # messages in it; None where no index counts them
+    #: Times of its messages from the first one of the recording [s]; None where they are not stated.
     start: float | None = None
     end: float | None = None
 
 
 @dataclass(frozen=True)
 class Salvaged:
-    """Account of a salvage: what was saved, and what was not.
+    """Account of a salvage: what was saved, and what was not."""
 
-    Attributes
-    ----------
-    source, target : str
-        The broken recording, and the complete one made of it.
-    files : tuple of str
-        Names of the files that were read.
-    complete : bool
-        Whether nothing at all was missing.
-    messages : dict of str to int
-        Messages saved, by topic.
-    unchecked : int
-        Saved messages that no checksum covers.
-    missing : int or None
-        Messages that were recorded and not saved; None where the number recorded is not known.
-    duration : float
-        From the first to the last message saved [s].
-    lost_at_end : float or None
-        Time from the last message saved to the last one recorded [s]; None where this is not known.
-    broken_off : bool
-        Whether a file lacks its end.
-    losses : tuple of Loss
-        What could not be saved.
-    integrity : Integrity or None
-        Samples that are missing by their sequence numbers; None where there are no measurements.
-    notes : tuple of str
-        Further remarks.
-    """
-
+    #: The broken recording, and the complete one made of it.
     source: str
     target: str
-    files: tuple[str, ...]
-    complete: bool
-    messages: dict[str, int]
-    unchecked: int
+    files: tuple[str, ...]  # names of the files that were read
+    complete: bool  # whether nothing at all was missing
+    messages: dict[str, int]  # messages saved, by topic
+    unchecked: int  # saved messages that no checksum covers
+    #: Messages that were recorded and not saved; None where the number recorded is not known.
     missing: int | None
-    duration: float
+    duration: float  # from the first to the last message saved [s]
+    #: Time from the last message saved to the last one recorded [s]; None where this is not known.
     lost_at_end: float | None
-    broken_off: bool
-    losses: tuple[Loss, ...]
+    broken_off: bool  # whether a file lacks its end
+    losses: tuple[Loss, ...]  # what could not be saved
+    #: Samples that are missing by their sequence numbers; None where there are no measurements.
     integrity: Integrity | None
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # further remarks
 
 
 def salvage(
@@ -439,10 +402,10 @@ def _usable(declared: Mapping[tuple[int, int], bytes]) -> tuple[dict[int, bytes]
     """Return the schemas, and the channels that can be parsed, by number."""
     schemas, channels = {}, {}
     for (opcode, number), contents in declared.items():
-        if opcode == SCHEMA:
+        if opcode == Op.SCHEMA:
             schemas[number] = contents
     for (opcode, number), contents in declared.items():
-        if opcode == CHANNEL:
+        if opcode == Op.CHANNEL:
             with contextlib.suppress(Damaged, UnicodeDecodeError):
                 _topic(schemas, contents)
                 channels[number] = contents

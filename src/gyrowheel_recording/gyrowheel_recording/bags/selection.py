@@ -60,10 +60,7 @@ _V = TypeVar("_V")
 class AnyNamespace(Mapping[str, _V]):
     """Values by the names of topics, found by these names in any namespace.
 
-    Parameters
-    ----------
-    values : mapping
-        Values by the name of a topic where no namespace is given.
+    `values`: values by the name of a topic where no namespace is given.
     """
 
     def __init__(self, values: Mapping[str, _V]) -> None:

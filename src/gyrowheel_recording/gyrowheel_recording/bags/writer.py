@@ -17,7 +17,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.arrays import picked
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.topics import Topic
-from gyrowheel_recording.bags.definitions import definition
+from gyrowheel_recording.bags.columns import definition
 from gyrowheel_recording.bags.mcap.writer import Block, McapWriter
 from gyrowheel_recording.bags.metadata import (
     BagFile,
@@ -56,15 +56,6 @@ class RecordingWriter:
     namespace : str
         Namespace of the topics: empty for the root, else such as ``/bench2``.
 
-    Attributes
-    ----------
-    path : Path
-        The directory.
-    counts : dict of str to int
-        Messages written, by topic.
-    custom_data : dict of str to str
-        Further entries of rosbag2's metadata; may be set until the recording is completed.
-
     Raises
     ------
     InputError
@@ -92,7 +83,8 @@ class RecordingWriter:
         namespace: str = "",
     ) -> None:
         self.path = Path(directory)
-        self.counts: dict[str, int] = {}
+        self.counts: dict[str, int] = {}  # messages written, by topic
+        #: Further entries of rosbag2's metadata; may be set until the recording is completed.
         self.custom_data: dict[str, str] = {}
         self._namespace = namespace
         self._chunk_size = chunk_size
@@ -131,11 +123,8 @@ class RecordingWriter:
     ) -> None:
         """Write many messages of several topics, merged in the order of time.
 
-        Parameters
-        ----------
-        columns : iterable of (Topic, ndarray of int64, ndarray or sequence of bytes)
-            Topic, times [ns] and serialized messages: an array of the topic's layout, or bytes for each.
-            At equal times, messages are in the order of the topics.
+        `columns`: topic, times [ns] and serialized messages: an array of the topic's layout, or bytes for
+        each. At equal times, messages are in the order of the topics.
         """
         blocks = []
         for topic, times, messages in columns:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import conversion
-from gyrowheel_recording.bags.sampling import LONGEST, SHORTEST
+from gyrowheel_recording.bags.reader import LONGEST, SHORTEST
 from gyrowheel_recording.tables import Grid
 from gyrowheel_sim.bench import Bench
 
@@ -38,33 +38,19 @@ class Clock:
 
 
 class ClockError(InputError):
-    """Times that are impossible for a clock.
-
-    Attributes
-    ----------
-    row : int
-        The row with the fault; -1 for all of them.
-    """
+    """Times that are impossible for a clock."""
 
     def __init__(self, row: int, what: str) -> None:
-        self.row = row
+        self.row = row  # the row with the fault; -1 for all of them
         super().__init__(what)
 
 
 def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
     """Return the clock of a table.
 
-    Parameters
-    ----------
-    time : ndarray (n,)
-        Times of the rows [s], up to `FARTHEST` from the first; they may jitter, and be rounded.
-    numbers : ndarray (n,), optional
-        Numbers of the samples, strictly ascending; if not given, gaps show in the times.
-
-    Raises
-    ------
-    ClockError
-        If the times go back, repeat without being rounded, or have an impossible rate.
+    `time` (n,): times of the rows [s], up to `FARTHEST` from the first; they may jitter, and be rounded.
+    `numbers` (n,): numbers of the samples, strictly ascending; if not given, gaps show in the times. Raises
+    ClockError if the times go back, repeat without being rounded, or have an impossible rate.
     """
     steps = np.diff(time)
     period = period_of(time) if numbers is None else _slope(time, numbers)

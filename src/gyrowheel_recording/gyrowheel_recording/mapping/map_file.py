@@ -202,10 +202,7 @@ def _schema_of(group: str) -> type[Section]:
 def read_group(group: str, content: Any, origin: str) -> dict[str, Source]:
     """Return the sources of a group of fields, a key of `GROUPS`, from the content of the map file `origin`.
 
-    Raises
-    ------
-    InputError
-        If a source is missing, unknown or not allowed, or one column stands for two quantities.
+    Raises InputError if a source is missing, unknown or not allowed, or one column stands for two quantities.
     """
     where = f"{origin}: {group}"
     every: dict[str, Source | None] = dict(check(_schema_of(group), content, where, separator="."))

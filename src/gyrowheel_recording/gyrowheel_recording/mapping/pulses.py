@@ -133,23 +133,9 @@ def angle_from_pulses(
 ) -> ShaftAngle:
     """Return the angle of a shaft from the edges of its pulses.
 
-    Parameters
-    ----------
-    time : ndarray (n,)
-        Times of the samples [s], ascending.
-    rate : ndarray (n,) or None
-        Speed [rad/s]; NaN where it was not read. If None, it is computed from the edges.
-    edges : Edges
-        The edges.
-    pulses : int
-        Pulses per turn.
-    at : float
-        The angle at an edge [rad].
-
-    Raises
-    ------
-    PulseError
-        If there are too few, or they contradict the speed.
+    `time` (n,): times of the samples [s], ascending; `rate` (n,): speed [rad/s]; NaN where it was not read.
+    If None, it is computed from the edges. `pulses`: pulses per turn; `at`: the angle at an edge [rad].
+    Raises PulseError if there are too few, or they contradict the speed.
     """
     inside = (edges.times >= time[0]) & (edges.times <= time[-1])
     when, within = edges.times[inside], edges.within[inside]

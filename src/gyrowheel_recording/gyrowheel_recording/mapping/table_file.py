@@ -15,7 +15,7 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import require_room
 from gyrowheel_recording.mapping.map_file import TIMESTAMP, ColumnMap, CsvSettings
 from gyrowheel_recording.tables import EMPTY, TextForm, form_of_file, text_of
 from gyrowheel_recording.tables.readers.text_table import dates_of, numbers_of
@@ -49,10 +49,8 @@ class TableFile:
     def read(self) -> Any:
         """Return the columns that the map names, unconverted, as a table of arrow.
 
-        Raises
-        ------
-        InputError
-            If the file cannot be read, a column is not there, or one of numbers holds something else.
+        Raises InputError if the file cannot be read, a column is not there, or one of numbers holds something
+        else.
         """
         names = self._map.names
         try:
@@ -196,10 +194,7 @@ class TableFile:
     def _by_cells(self, table: Any, dates: str) -> Any:
         """Return a table of texts as numbers, and the column `dates` as dates: arrow reads neither a sign + nor 1D3.
 
-        Raises
-        ------
-        InputError
-            For texts that are no numbers: the first one of each column.
+        Raises InputError: for texts that are no numbers: the first one of each column.
         """
         found: list[str] = []
         columns: dict[str, Any] = {}

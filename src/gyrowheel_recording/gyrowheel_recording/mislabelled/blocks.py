@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.readings import Readings
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.bags.sampling import PAUSE, pauses
+from gyrowheel_recording.bags.reader import PAUSE, pauses
 
 Array = NDArray[np.float64]
 Times = NDArray[np.floating[Any]]
@@ -200,14 +200,9 @@ def blocks_of(recording: Recording, *, angle_scale: float = 1.0, absent: Set[str
     For ``spin_angle`` it is the rate at which the angle turns [rad/s]. Blocks with too few samples are NaN. A column
     that was never measured is zero; of angle and speed, the rate of the one stands for the other.
 
-    Parameters
-    ----------
-    recording : Recording
-        The recording; samples that lack one of the columns are left out.
-    angle_scale : float
-        Factor of the angle before the number of turns is counted: for an angle that is not in radians.
-    absent : set of str
-        What `never_measured` returns.
+    `recording`: the recording; samples that lack one of the columns are left out. `angle_scale`: factor of
+    the angle before the number of turns is counted: for an angle that is not in radians; `absent`: what
+    `never_measured` returns.
     """
     readings = recording.readings.array
     there = Readings.columns([name for name in NAMES if name not in absent])

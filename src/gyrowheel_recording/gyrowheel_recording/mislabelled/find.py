@@ -10,7 +10,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.bags.sampling import require_rate
+from gyrowheel_recording.bags.reader import require_rate
+from gyrowheel_recording.mislabelled import Fix, WrongSetup
 from gyrowheel_recording.mislabelled.blocks import (
     BLOCK,
     COIL,
@@ -24,7 +25,6 @@ from gyrowheel_recording.mislabelled.blocks import (
     blocks_of,
     never_measured,
 )
-from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup
 from gyrowheel_recording.mislabelled.relations import (
     Ratio,
     precession,

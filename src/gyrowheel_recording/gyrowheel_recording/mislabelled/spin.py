@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.mislabelled import Fix, Kind, WrongSetup
 from gyrowheel_recording.mislabelled.blocks import BLOCK, EVERY, NAMES, Averages, averages, blocks_of
-from gyrowheel_recording.mislabelled.fixes import Fix, Kind, WrongSetup
 from gyrowheel_recording.mislabelled.relations import Spin, spin
 from gyrowheel_sim.bench import Bench
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.units import DEG
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.derived import angle_of
+from gyrowheel_recording.mislabelled import Fix, Kind, WrongSetup
 from gyrowheel_recording.mislabelled.blocks import (
     BLOCK,
     COIL,
@@ -23,7 +24,6 @@ from gyrowheel_recording.mislabelled.blocks import (
     asked_tilt,
     commanded,
 )
-from gyrowheel_recording.mislabelled.fixes import Fix, Kind, WrongSetup
 from gyrowheel_recording.mislabelled.relations import precession, precession_ratio, slews
 from gyrowheel_recording.mislabelled.spin import SPINNING, Change, best_lag, measured_alone
 from gyrowheel_sim.bench import Bench

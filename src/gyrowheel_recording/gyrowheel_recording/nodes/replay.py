@@ -27,7 +27,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import BenchNode, NodeStatus, Param, run_node
 from gyrowheel_core.topics import Topic
 from gyrowheel_recording.bags.playback import Message, Pace, Tape, parse_names
-from gyrowheel_recording.bags.sampling import PAUSE
+from gyrowheel_recording.bags.reader import PAUSE
 
 SERVICES: Final = "gyrowheel/replay"
 #: Messages of a topic after which the node waits for the subscribers: a tenth of the depth of the high-rate topics.

@@ -9,14 +9,6 @@ from gyrowheel_recording.tables.grid import Column, Grid
 from gyrowheel_recording.tables.text import EMPTY, TextForm, form_of_file, text_of
 
 __all__ = [
-    "EMPTY",
-    "READABLE",
-    "Column",
-    "Format",
-    "Grid",
-    "TextForm",
-    "form_of_file",
-    "format_of",
-    "read_grid",
+    "EMPTY", "READABLE", "Column", "Format", "Grid", "TextForm", "form_of_file", "format_of", "read_grid",
     "text_of",
-]
+]  # fmt: skip

@@ -81,10 +81,7 @@ _OTHERS: Final = (
 def format_of(path: Path) -> Format:
     """Return the format of a file, by what it begins with, then by its ending.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, or it is of none; the message lists what can be read.
+    Raises InputError if there is no such file, or it is of none; the message lists what can be read.
     """
     try:
         if path.is_dir():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import require_room
 
 BYTES_A_VALUE = 16  # as it is read, and as it is converted
 _WIDEST = 64  # columns of a matrix; a wider one is no table of signals
@@ -119,5 +119,5 @@ def split(name: str, values: Any, *, unit: str = "", joint: str = ".") -> list[C
 
 
 def require_table(values: float, where: str) -> None:
-    """Refuse a table of more values than the memory may hold (`limits.require_room`)."""
+    """Refuse a table of more values than the memory may hold (`require_room`)."""
     require_room(BYTES_A_VALUE * values, f"{where}: its table")

@@ -19,7 +19,7 @@ from typing import Any, Final
 import zstandard
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import largest, require_room
+from gyrowheel_core.files import largest_unpacked, require_room
 
 #: How compressed files begin.
 GZIP: Final = b"\x1f\x8b"
@@ -66,12 +66,8 @@ class TextForm:
 def text_of(path: Path, *, most: int | None = None) -> bytes:
     """Return the bytes of a text, plain or compressed by gzip or zstd; up to `most` from its beginning, if given.
 
-    Raises
-    ------
-    InputError
-        If it is larger than what may be read, or its compression is damaged.
-    OSError
-        If it cannot be read.
+    Raises InputError if it is larger than what may be read, or its compression is damaged. Raises OSError if
+    it cannot be read.
     """
     with path.open("rb") as raw:
         head = raw.read(4)
@@ -84,7 +80,7 @@ def text_of(path: Path, *, most: int | None = None) -> bytes:
         if opener is None:
             return raw.read() if most is None else raw.read(most)
         parts, size = [], 0
-        limit = largest()
+        limit = largest_unpacked()
         try:
             while most is None or size < most:
                 part = opener.read(_PIECE if most is None else min(_PIECE, most - size))
@@ -102,12 +98,8 @@ def text_of(path: Path, *, most: int | None = None) -> bytes:
 def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
     """Return how the table at the beginning of a text is written.
 
-    The last line is not used unless this is the `whole` text.
-
-    Raises
-    ------
-    InputError
-        If no table of numbers is found in it; it names `where`.
+    The last line is not used unless this is the `whole` text. Raises InputError if no table of numbers is
+    found in it; it names `where`.
     """
     found = _form(data, whole)
     if isinstance(found, str):

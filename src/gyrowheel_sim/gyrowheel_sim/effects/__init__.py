@@ -6,16 +6,6 @@ from gyrowheel_sim.effects.user_defined import effect_from_mapping, effect_to_ma
 from gyrowheel_sim.effects.user_defined_line import effect_from_text
 
 __all__ = [
-    "Coefficient",
-    "Effect",
-    "EffectValues",
-    "Law",
-    "effect_from_mapping",
-    "effect_from_text",
-    "effect_to_mapping",
-    "get",
-    "parse_option",
-    "physical",
-    "registry",
-    "validated",
-]
+    "Coefficient", "Effect", "EffectValues", "Law", "effect_from_mapping", "effect_from_text",
+    "effect_to_mapping", "get", "parse_option", "physical", "registry", "validated",
+]  # fmt: skip

@@ -23,47 +23,24 @@ Category = Literal[
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One coefficient of an effect.
+    """One coefficient of an effect."""
 
-    Attributes
-    ----------
-    name : str
-        Name, unique in the effect.
-    unit : str
-        SI unit.
-    description : str
-        What it is.
-    usual : tuple of float
-        Range of the sizes met in practice (low, high); where `signed`, of the magnitude.
-    bounds : tuple of float
-        Values that a user may type and a fit may search.
-    source : str
-        Where the usual size comes from.
-    signed : bool
-        Whether both signs occur.
-    shape : float or None
-        For a coefficient that shapes the law (an exponent): its usual value, about which the law is
-        linearised; None for an amplitude, in which the law is linear and zero means no effect.
-    shape_uncertainty : float
-        Standard uncertainty of `shape` before a measurement.
-    possible : tuple of float or None
-        Values that physics allows (low, high), narrower than `bounds`. None: an amplitude that is not `signed` only
-        brakes, resists or heats and cannot be below zero; any other coefficient has no limit.
-    possible_source : str
-        Reason for `possible`.
-    """
-
-    name: str
-    unit: str
+    name: str  # name, unique in the effect
+    unit: str  # SI unit
     description: str
+    #: Range of the sizes met in practice (low, high); where `signed`, of the magnitude.
     usual: tuple[float, float]
-    bounds: tuple[float, float]
-    source: str
-    signed: bool = False
+    bounds: tuple[float, float]  # values that a user may type and a fit may search
+    source: str  # where the usual size comes from
+    signed: bool = False  # whether both signs occur
+    #: For a coefficient that shapes the law (an exponent): its usual value, about which the law is
+    #: linearised; None for an amplitude, in which the law is linear and zero means no effect.
     shape: float | None = None
-    shape_uncertainty: float = 0.0
+    shape_uncertainty: float = 0.0  # standard uncertainty of `shape` before a measurement
+    #: Values that physics allows (low, high), narrower than `bounds`. None: an amplitude that is not `signed`
+    #: only brakes, resists or heats and cannot be below zero; any other coefficient has no limit.
     possible: tuple[float, float] | None = None
-    possible_source: str = ""
+    possible_source: str = ""  # reason for `possible`
 
     @property
     def physical(self) -> tuple[float, float]:
@@ -109,38 +86,21 @@ class Law:
 
 @dataclass(frozen=True)
 class Effect:
-    """A physical effect: laws, coefficients, validity, source.
+    """A physical effect: laws, coefficients, validity, source."""
 
-    Attributes
-    ----------
-    name, title, category : str
-        Canonical name, one-line title, and category.
-    sentence : str
-        The physics in one sentence.
-    laws : tuple of Law
-        What it does.
-    coefficients : tuple of Coefficient
-        Its coefficients, amplitudes first.
-    validity : str
-        Where the law holds.
-    look_alikes : dict of str to str
-        Effects (or bench errors) with a similar signature, each with the test that separates them.
-    source : str
-        Where the law comes from.
-    greatest : float or None
-        Largest possible size of the amplitudes together, the root of the sum of their squares: for the components of
-        one vector. None where there is no limit.
-    """
-
+    #: Canonical name, one-line title, and category.
     name: str
     title: str
     category: Category
-    sentence: str
-    laws: tuple[Law, ...]
-    coefficients: tuple[Coefficient, ...]
-    validity: str
-    source: str
+    sentence: str  # the physics in one sentence
+    laws: tuple[Law, ...]  # what it does
+    coefficients: tuple[Coefficient, ...]  # its coefficients, amplitudes first
+    validity: str  # where the law holds
+    source: str  # where the law comes from
+    #: Effects (or bench errors) with a similar signature, each with the test that separates them.
     look_alikes: Mapping[str, str] = field(default_factory=dict, hash=False)
+    #: Largest possible size of the amplitudes together, the root of the sum of their squares: for the
+    #: components of one vector. None where there is no limit.
     greatest: float | None = None
 
     def __post_init__(self) -> None:

@@ -24,14 +24,9 @@ _UNKNOWN = "?"  # stands for the unit of a coefficient that has none
 
 @dataclass(frozen=True)
 class Unit:
-    """A product of powers of units.
+    """A product of powers of units."""
 
-    Attributes
-    ----------
-    powers : dict of str to Fraction
-        Exponents of the units by the names that pint has for them.
-    """
-
+    #: Exponents of the units by the names that pint has for them.
     powers: Mapping[str, Fraction] = field(default_factory=dict)
 
     @classmethod
@@ -133,10 +128,8 @@ def _dimension(name: str) -> dict[str, Fraction]:
 def check_effect(effect: Effect) -> None:
     """Check that every law of an effect has the unit of its target; formulas of users are checked when they are read.
 
-    Raises
-    ------
-    InputError
-        If one has not, or is none that a formula could write; the message has law, place and units.
+    Raises InputError if one has not, or is none that a formula could write; the message has law, place and
+    units.
     """
     units = {c.name: c.unit for c in effect.coefficients}
     for law in effect.laws:
@@ -147,21 +140,10 @@ def check_effect(effect: Effect) -> None:
 def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str) -> None:
     """Check that a formula has a unit.
 
-    Parameters
-    ----------
-    formula : Formula
-        The formula.
-    units : mapping
-        Units of the coefficients in it; None for the one whose unit is asked for.
-    wanted : str
-        Unit that the whole must have.
-
-    Raises
-    ------
-    MissingUnitError
-        If one coefficient has no unit, and one can be found that fits.
-    InputError
-        If units do not match; the message has the place, the part of the formula, and both units.
+    `units`: units of the coefficients in it; None for the one whose unit is asked for. `wanted`: unit that
+    the whole must have. Raises MissingUnitError if one coefficient has no unit, and one can be found that
+    fits. Raises InputError if units do not match; the message has the place, the part of the formula, and
+    both units.
     """
     known = {name: Unit.of(q.unit) for name, q in QUANTITIES.items()}
     known |= {name: Unit({_UNKNOWN: Fraction(1)}) if u is None else Unit.of(u) for name, u in units.items()}

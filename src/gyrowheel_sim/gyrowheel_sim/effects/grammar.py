@@ -99,31 +99,17 @@ Kind = Literal["number", "name", "sum", "product", "power", "call"]
 
 @dataclass(frozen=True)
 class Node:
-    """A part of a formula with its place in the text.
+    """A part of a formula with its place in the text."""
 
-    Attributes
-    ----------
-    kind : str
-        ``number``, ``name``, ``sum``, ``product``, ``power`` (base, exponent) or ``call``.
-    start, end : int
-        Where it stands in the text.
-    items : tuple of Node
-        What it is made of.
-    inverse : tuple of bool
-        For every item of a sum whether it is subtracted, of a product whether it divides.
-    name : str
-        The name, or the function.
-    number : sympy number or None
-        The number; of a product its sign where that is negative.
-    """
-
-    kind: Kind
+    kind: Kind  # ``number``, ``name``, ``sum``, ``product``, ``power`` (base, exponent) or ``call``
+    #: Where it stands in the text.
     start: int
     end: int
-    items: tuple[Node, ...] = ()
+    items: tuple[Node, ...] = ()  # what it is made of
+    #: For every item of a sum whether it is subtracted, of a product whether it divides.
     inverse: tuple[bool, ...] = ()
-    name: str = ""
-    number: sp.Expr | None = None
+    name: str = ""  # the name, or the function
+    number: sp.Expr | None = None  # the number; of a product its sign where that is negative
 
     @property
     def constant(self) -> bool:

@@ -186,12 +186,8 @@ def _assignments(
 def entries_source(parameters: Sequence[str], held_start: int) -> str:
     """Return the source of the functions through which the laws act in the plant; see `effects.generated`.
 
-    Parameters
-    ----------
-    parameters : sequence of str
-        Names of the bench parameters that the kernel knows, in order.
-    held_start : int
-        Where in the state the outputs begin that are held from sample to sample.
+    `parameters`: names of the bench parameters that the kernel knows, in order; `held_start`: where in the
+    state the outputs begin that are held from sample to sample.
     """
     held = {name: f"state[{held_start + index}]" for index, name in enumerate(HELD_OUTPUTS)}
     sampled = {name: f"laws.{name}" for name in HELD_OUTPUTS}

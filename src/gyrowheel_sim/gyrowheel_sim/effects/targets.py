@@ -37,25 +37,14 @@ Place = Literal[
 COMPLEX_PLACES = frozenset(("across", "case_rate", "mirror"))
 #: Bench parameters that act as a torque, in proportion to their values.
 TORQUE_PARAMETERS = (
-    "flexure_stiffness_x",
-    "flexure_stiffness_y",
-    "flexure_damping_x",
-    "flexure_damping_y",
-    "bearing_coulomb",
-    "bearing_viscous",
-    "fixed_torque_x",
-    "fixed_torque_y",
-)
+    "flexure_stiffness_x", "flexure_stiffness_y", "flexure_damping_x", "flexure_damping_y", "bearing_coulomb",
+    "bearing_viscous", "fixed_torque_x", "fixed_torque_y",
+)  # fmt: skip
 #: Moments of inertia, in the order in which the inverse dynamics takes them; laws that change them are constant.
 INERTIAS = (
-    "rotor_inertia_x",
-    "rotor_inertia_y",
-    "rotor_inertia_z",
-    "gimbal_inertia_x",
-    "gimbal_inertia_y",
-    "gimbal_inertia_z",
-    "shaft_inertia",
-)
+    "rotor_inertia_x", "rotor_inertia_y", "rotor_inertia_z", "gimbal_inertia_x", "gimbal_inertia_y",
+    "gimbal_inertia_z", "shaft_inertia",
+)  # fmt: skip
 #: Bench parameters of the instruments that a law can change; such laws are constant.
 INSTRUMENT_PARAMETERS = tuple(
     name
@@ -75,57 +64,28 @@ TORQUE_PLACES = frozenset(("across", "along", "shaft", "flexure"))
 
 @dataclass(frozen=True)
 class Entry:
-    """The place at which a target enters the equations.
+    """The place at which a target enters the equations."""
 
-    Attributes
-    ----------
-    place : str
-        One of the places above.
-    of : str
-        Bench parameter (``relative``, ``offset``) or reading (``reading``) that is changed.
-    negative : bool
-        Whether the output of the laws is subtracted there.
-    over : str
-        Bench parameter by which it is divided before; empty for none.
-    """
-
-    place: Place
-    of: str = ""
-    negative: bool = False
-    over: str = ""
+    place: Place  # one of the places above
+    of: str = ""  # bench parameter (``relative``, ``offset``) or reading (``reading``) that is changed
+    negative: bool = False  # whether the output of the laws is subtracted there
+    over: str = ""  # bench parameter by which it is divided before; empty for none
 
 
 @dataclass(frozen=True)
 class LawTarget:
-    """Something that a law can act on.
+    """Something that a law can act on."""
 
-    Attributes
-    ----------
-    name : str
-        Name, as in formulas.
-    unit : str
-        Unit of the law [SI].
-    words : str
-        The name in a few words.
-    sentence : str
-        What it means.
-    noticeable : tuple of float
-        Size of a noticeable change; usual sizes of user-defined coefficients follow from it.
-    enters : tuple of Entry
-        Where it enters the equations.
-    complex : bool
-        Whether a law gives x + i y in case axes.
-    once_a_sample : bool
-        Whether the simulation evaluates its laws once a sample and holds what they give, instead of at every instant.
-    """
-
-    name: str
-    unit: str
-    words: str
-    sentence: str
+    name: str  # name, as in formulas
+    unit: str  # unit of the law [SI]
+    words: str  # the name in a few words
+    sentence: str  # what it means
+    #: Size of a noticeable change; usual sizes of user-defined coefficients follow from it.
     noticeable: tuple[float, float]
-    enters: tuple[Entry, ...]
-    complex: bool = False
+    enters: tuple[Entry, ...]  # where it enters the equations
+    complex: bool = False  # whether a law gives x + i y in case axes
+    #: Whether the simulation evaluates its laws once a sample and holds what they give, instead of at every
+    #: instant.
     once_a_sample: bool = False
 
     def __post_init__(self) -> None:

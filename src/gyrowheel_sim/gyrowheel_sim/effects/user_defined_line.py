@@ -38,19 +38,10 @@ Entries = dict[str, dict[str, Any]]
 def effect_from_text(text: str, where: str = "formula") -> Effect:
     """Return the effect that a line of text declares.
 
-    Parameters
-    ----------
-    text : str
-        ``NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ...`` with as many laws and coefficients as needed. A coefficient
-        may have its usual size, or a shape its value and uncertainty: ``k = 0.02 [N*m/rad]``,
-        ``p = 0.6 +- 0.05 [1]``.
-    where : str
-        What messages begin with.
-
-    Raises
-    ------
-    InputError
-        As `gyrowheel_sim.effects.user_defined.effect_from_mapping`, or if the line is not of that form.
+    `text`: ``NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ...`` with as many laws and coefficients as needed.
+    A coefficient may have its usual size, or a shape its value and uncertainty: ``k = 0.02 [N*m/rad]``, ``p =
+    0.6 +- 0.05 [1]``. `where`: what messages begin with. Raises InputError as
+    `gyrowheel_sim.effects.user_defined.effect_from_mapping`, or if the line is not of that form.
     """
     name, colon, rest = str(text).partition(":")
     if not colon:

@@ -41,38 +41,25 @@ SPIN_RATE: sp.Symbol = sp.Symbol("Omega", positive=True)
 
 @dataclass(frozen=True)
 class Equations:
-    """Equations of motion ``mass q'' = Q + velocity`` with q = `ANGLES` and Q every generalised force.
+    """Equations of motion ``mass q'' = Q + velocity`` with q = `ANGLES` and Q every generalised force."""
 
-    Attributes
-    ----------
-    mass : Matrix (3, 3)
-        Mass matrix, a function of the angles [kg m^2].
-    velocity : Matrix (3, 1)
-        Everything of the inertia that does not multiply q'': centrifugal and gyroscopic torques and, where the case
-        turns, those of its rate and of its angular acceleration [N m].
-    elastic : Matrix (3, 1)
-        Generalised force of the flexures, -dV/dq; part of Q [N m].
-    case_torque, rotor_torque : Matrix (3, 3)
-        ``Q = case_torque T`` for a torque T on the rotor given in case axes, and likewise in rotor axes.
-    case_to_motor, motor_to_gimbal, gimbal_to_rotor : Matrix (3, 3)
-        Rotation matrices; each turns components in the first frame into components in the second.
-    shaft_rate, gimbal_rate, rotor_rate : Matrix (3, 1)
-        Angular velocities of the three bodies, each in its own axes: eqs (3), (4), (5) [rad/s].
-    kinetic, potential : Expr
-        The energies T and V of the Lagrangian T - V [J].
-    """
-
-    mass: sp.Matrix
+    mass: sp.Matrix  # mass matrix, a function of the angles [kg m^2]
+    #: Everything of the inertia that does not multiply q'': centrifugal and gyroscopic torques and, where the
+    #: case turns, those of its rate and of its angular acceleration [N m].
     velocity: sp.Matrix
-    elastic: sp.Matrix
+    elastic: sp.Matrix  # generalised force of the flexures, -dV/dq; part of Q [N m]
+    #: ``Q = case_torque T`` for a torque T on the rotor given in case axes, and likewise in rotor axes.
     case_torque: sp.Matrix
     rotor_torque: sp.Matrix
+    #: Rotation matrices; each turns components in the first frame into components in the second.
     case_to_motor: sp.Matrix
     motor_to_gimbal: sp.Matrix
     gimbal_to_rotor: sp.Matrix
+    #: Angular velocities of the three bodies, each in its own axes: eqs (3), (4), (5) [rad/s].
     shaft_rate: sp.Matrix
     gimbal_rate: sp.Matrix
     rotor_rate: sp.Matrix
+    #: The energies T and V of the Lagrangian T - V [J].
     kinetic: sp.Expr
     potential: sp.Expr
 
@@ -144,23 +131,12 @@ class SlowEquation:
     """The equation of a small tilt z = tan(phi_x) + i tan(phi_y) in the case, averaged over a revolution.
 
     The coils must give ``T_x + i T_y = inertia z'' - i momentum z' + stiffness z + damping (z' - i Omega z)``.
-
-    Attributes
-    ----------
-    inertia : Expr
-        [kg m^2].
-    momentum : Expr
-        Angular momentum against which a tilt is slewed [kg m^2/s].
-    stiffness : Expr
-        Holding torque per tilt; zero at the tuned speed [N m/rad].
-    damping : Expr
-        [N m s/rad].
     """
 
-    inertia: sp.Expr
-    momentum: sp.Expr
-    stiffness: sp.Expr
-    damping: sp.Expr
+    inertia: sp.Expr  # [kg m^2]
+    momentum: sp.Expr  # angular momentum against which a tilt is slewed [kg m^2/s]
+    stiffness: sp.Expr  # holding torque per tilt; zero at the tuned speed [N m/rad]
+    damping: sp.Expr  # [N m s/rad]
 
 
 @functools.cache

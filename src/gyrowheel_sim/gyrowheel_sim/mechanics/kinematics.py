@@ -141,12 +141,7 @@ def rotor_rate(
 def joint_rates_of_hold(phi: ArrayLike, beta: ArrayLike, spin_rate: ArrayLike) -> tuple[Array, Array]:
     """Return the rates of the two flexures [rad/s] while the tilt is fixed in the case: eq (2) differentiated.
 
-    Parameters
-    ----------
-    phi, beta : array_like
-        Tilt, and its direction in the motor frame [rad].
-    spin_rate : array_like
-        Rate of the shaft [rad/s].
+    `phi`, `beta`: tilt, and its direction in the motor frame [rad]; `spin_rate`: rate of the shaft [rad/s].
     """
     angles = joint_of_azimuth(phi, beta)
     rate = np.asarray(spin_rate, dtype=float)
@@ -170,12 +165,7 @@ def rotor_momentum(
 
     Eq (1) stands for I_r times the rotor's angular velocity, eq (5).
 
-    Parameters
-    ----------
-    angles, rates : tuple of array_like
-        (theta_x, theta_y, theta_z) and their rates.
-    inertia : tuple of float
-        (I_rx, I_ry, I_rz) [kg m^2].
+    `angles`, `rates`: (theta_x, theta_y, theta_z) and their rates; `inertia`: (I_rx, I_ry, I_rz) [kg m^2].
     """
     momentum = np.asarray(inertia) * rotor_rate(*angles, *rates)
     return _turn(_motor_of_rotor(angles[0], angles[1]), momentum)

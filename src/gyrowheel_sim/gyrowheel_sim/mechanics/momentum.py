@@ -23,32 +23,19 @@ _PHASES = 72  # of a revolution
 
 @dataclass(frozen=True)
 class Envelope:
-    """The momentum of the rotor over speeds, tilts and azimuths, exact and as approximated.
+    """The momentum of the rotor over speeds, tilts and azimuths, exact and as approximated."""
 
-    Attributes
-    ----------
-    speed, tilt, azimuth : ndarray (s,), (t,), (a,)
-        Spin rates [rad/s], tilts and their azimuths in the case [rad].
-    approximate : ndarray (s, t, a, 3)
-        Last form of eq (1) with eq (2), in case axes [kg m^2/s].
-    exact_mean : ndarray (s, t, a, 3)
-        Exact momentum in case axes, averaged over a revolution of the shaft [kg m^2/s].
-    smallest, largest : ndarray (s, t, a)
-        Magnitude of the exact momentum within a revolution [kg m^2/s].
-    error_last, error_middle : ndarray (t,)
-        Largest error within a revolution of the last form of eq (1) and of its middle expression, over the exact
-        momentum, in the motor frame where they are written.
-    bench : Bench
-        The bench.
-    """
-
+    #: Spin rates [rad/s], tilts and their azimuths in the case [rad].
     speed: Array
     tilt: Array
     azimuth: Array
-    approximate: Array
-    exact_mean: Array
+    approximate: Array  # last form of eq (1) with eq (2), in case axes [kg m^2/s]
+    exact_mean: Array  # exact momentum in case axes, averaged over a revolution of the shaft [kg m^2/s]
+    #: Magnitude of the exact momentum within a revolution [kg m^2/s].
     smallest: Array
     largest: Array
+    #: Largest error within a revolution of the last form of eq (1) and of its middle expression, over the
+    #: exact momentum, in the motor frame where they are written.
     error_last: Array
     error_middle: Array
     bench: Bench

@@ -38,7 +38,7 @@ from gyrowheel_sim.mechanics.dynamics import (
     joint_accelerations,
     moving_case_forces,
 )
-from gyrowheel_sim.plant.state import DRIFT_START, MEMORY_START, State, Surroundings
+from gyrowheel_sim.plant.compiled import DRIFT_START, MEMORY_START, State, Surroundings
 
 if TYPE_CHECKING:
     from gyrowheel_sim.effects.generated import (

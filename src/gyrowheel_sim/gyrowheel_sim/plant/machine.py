@@ -18,10 +18,16 @@ from gyrowheel_sim.effects.law_code import coefficient_arrays
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.instruments.readings import DRIFT_SIZES, LONGEST, N_NOISE, Drift, Reading
-from gyrowheel_sim.plant.compiled import compiled_plant
-from gyrowheel_sim.plant.scenario import Scenario
-from gyrowheel_sim.plant.state import DRIFT_START, HELD_START, N_STATE, State, Surroundings, plant_parameters
-from gyrowheel_sim.plant.unregistered_effects import UNREGISTERED
+from gyrowheel_sim.plant.compiled import (
+    DRIFT_START,
+    HELD_START,
+    N_STATE,
+    State,
+    Surroundings,
+    compiled_plant,
+    plant_parameters,
+)
+from gyrowheel_sim.plant.scenario import UNREGISTERED, Scenario
 
 _LARGEST = 0.4  # of a sampling period: no stamp overtakes another
 
@@ -29,16 +35,9 @@ _LARGEST = 0.4  # of a sampling period: no stamp overtakes another
 class StampClock:
     """Stamps of the samples, one after the other.
 
-    Parameters
-    ----------
-    period : float
-        Sampling period [s].
-    rate_error : float
-        Relative error of the rate.
-    jitter : float
-        Standard deviation of the random errors [s].
-    seed : int
-        Seed of the random errors; not that of the readings' noise, which stays as it is.
+    `period`: sampling period [s]; `rate_error`: relative error of the rate; `jitter`: standard deviation of
+    the random errors [s]; `seed`: seed of the random errors; not that of the readings' noise, which stays as
+    it is.
     """
 
     def __init__(self, period: float, rate_error: float, jitter: float, seed: int) -> None:
@@ -211,10 +210,8 @@ class Plant:
     def step(self, coil_voltage_x: float, coil_voltage_y: float, motor_voltage: float) -> NDArray[np.float64]:
         """Advance by one sample and return its readings (the array is overwritten by the next call).
 
-        Raises
-        ------
-        InputError
-            If a voltage is not finite. Voltages beyond the limits of the bench are held at the limits.
+        Raises InputError if a voltage is not finite. Voltages beyond the limits of the bench are held at the
+        limits.
         """
         if not (
             math.isfinite(coil_voltage_x) and math.isfinite(coil_voltage_y) and math.isfinite(motor_voltage)

@@ -29,15 +29,7 @@ from std_msgs.msg import String
 
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.node import (
-    PRIORITY,
-    WAITS_FOR,
-    BenchNode,
-    Newcomers,
-    NodeStatus,
-    Param,
-    run_node,
-)
+from gyrowheel_core.node import PRIORITY, WAITS_FOR, BenchNode, Newcomers, NodeStatus, Param, run_node
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import from_json

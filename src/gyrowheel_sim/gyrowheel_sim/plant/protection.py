@@ -55,30 +55,17 @@ class Refusal(enum.StrEnum):
 
 @dataclass(frozen=True)
 class GuardLimits:
-    """Limits of the guard.
+    """Limits of the guard."""
 
-    Attributes
-    ----------
-    coil_voltage, motor_voltage : float
-        Largest voltages [V]. Commands beyond them are limited; beyond `NONSENSE` times them they are refused.
-    tilt_stop : float
-        Hard stop: tilt beyond which the coils are switched off and the motor spins down [rad].
-    watchdog : int
-        Consecutive samples without a new command after which the controller counts as lost.
-    oldest : int
-        Age, in samples, up to which a sample may still be answered.
-    spin_down : float
-        How fast the motor voltage goes to zero at a spin-down [V per sample].
-    exchange : int
-        Consecutive samples without a controller, after the last one has left in order, after which it counts as lost.
-    """
-
+    #: Largest voltages [V]. Commands beyond them are limited; beyond `NONSENSE` times them they are refused.
     coil_voltage: float
     motor_voltage: float
-    tilt_stop: float
-    watchdog: int = 500
-    oldest: int = 20
-    spin_down: float = 1.5e-3
+    tilt_stop: float  # hard stop: tilt beyond which the coils are switched off and the motor spins down [rad]
+    watchdog: int = 500  # consecutive samples without a new command after which the controller counts as lost
+    oldest: int = 20  # age, in samples, up to which a sample may still be answered
+    spin_down: float = 1.5e-3  # how fast the motor voltage goes to zero at a spin-down [V per sample]
+    #: Consecutive samples without a controller, after the last one has left in order, after which it counts
+    #: as lost.
     exchange: int = 20_000
 
     def __post_init__(self) -> None:
@@ -182,14 +169,8 @@ class Guard:
     def take(self, answered: int, newest: int, x: float, y: float, motor: float) -> Refusal | None:
         """Check a command; return the reason of its refusal, or None.
 
-        Parameters
-        ----------
-        answered : int
-            Sequence number of the sample that it answers.
-        newest : int
-            That of the newest sample.
-        x, y, motor : float
-            Voltages [V].
+        `answered`: sequence number of the sample that it answers; `newest`: that of the newest sample; `x`,
+        `y`, `motor`: voltages [V].
         """
         if answered > newest:
             return self.refuse(Refusal.AHEAD)
@@ -245,8 +226,7 @@ class Guard:
             self._idle += 1
             if self._idle >= self.limits.watchdog:
                 self._trip(
-                    GuardState.CONTROLLER_LOST,
-                    f"no valid command for {self._idle} samples{self.refusals()}",
+                    GuardState.CONTROLLER_LOST, f"no valid command for {self._idle} samples{self.refusals()}"
                 )
         return self._voltages
 

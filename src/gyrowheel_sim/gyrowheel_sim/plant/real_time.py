@@ -73,14 +73,8 @@ class Pacer:
     def due(self, now_ns: int, unanswered: int, steady: int) -> int:
         """Return how many samples are to be made now; they count as made.
 
-        Parameters
-        ----------
-        now_ns : int
-            The time [ns].
-        unanswered : int
-            How many samples, up to the last one, have no answer.
-        steady : int
-            How many samples in a row were answered before these.
+        `now_ns`: the time [ns]; `unanswered`: how many samples, up to the last one, have no answer; `steady`:
+        how many samples in a row were answered before these.
         """
         delay = now_ns - self.next_ns
         if delay < 0:
@@ -185,21 +179,8 @@ class Paced(Protocol):
 class RealTime:
     """Paces a plant by the wall clock, takes commands as they arrive, and reports timing.
 
-    Parameters
-    ----------
-    node : Paced
-        The node, which makes a sample at every step.
-    plant : Plant
-        The simulated bench.
-    guard : Guard
-        The guard of the machine.
-    period_ns : int
-        Time between two samples [ns].
-
-    Attributes
-    ----------
-    clock_jump : float
-        Total adjustment of the system clock since the start, at the last report [s]: its distance from the stamps.
+    `node`: the node, which makes a sample at every step; `plant`: the simulated bench; `guard`: the guard of
+    the machine; `period_ns`: time between two samples [ns].
     """
 
     def __init__(self, node: Paced, plant: Plant, guard: Guard, period_ns: int) -> None:
@@ -215,6 +196,8 @@ class RealTime:
         self._stall = ""  # the last one, in words
         self._told_stalls = 0
         self._apart = 0  # of the clocks, at the start [ns]
+        #: Total adjustment of the system clock since the start, at the last report [s]: its distance from the
+        #: stamps.
         self.clock_jump = 0.0
 
     def watch(self) -> None:

@@ -1,4 +1,4 @@
-"""The true state of a simulated machine, which no analysis may see."""
+"""The true state of a simulated machine, and effects for blind tests: no analysis may see either."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import sympy as sp
 from pydantic import BaseModel, ConfigDict, Field
 
 from gyrowheel_core.files import json_text, read_json, write_text
@@ -22,6 +23,8 @@ from gyrowheel_sim.effects import (
     registry,
     validated,
 )
+from gyrowheel_sim.effects.declaration import Coefficient, Law
+from gyrowheel_sim.effects.quantities import Omega, Omega_ref, z, z_ref
 from gyrowheel_sim.effects.user_defined import check_name
 
 
@@ -47,26 +50,15 @@ class ScenarioFile(Section):
 
 @dataclass(frozen=True)
 class Scenario:
-    """True parameters and effects of a simulated machine, and the seed of its noise.
+    """True parameters and effects of a simulated machine, and the seed of its noise."""
 
-    Attributes
-    ----------
-    values : dict of str to float
-        Bench parameters that differ from the bench file [SI].
-    effects : dict
-        Active effects: {name: {coefficient: value}}.
-    noise_seed : int
-        Seed of sensor noise and drift.
-    declared : dict of str to Effect
-        Declarations of the effects that are not registered.
-    machine : str
-        Name of the machine, which reveals nothing about it; empty for the name that `identity` makes.
-    """
-
+    #: Bench parameters that differ from the bench file [SI].
     values: Mapping[str, float] = field(default_factory=dict)
-    effects: EffectValues = field(default_factory=dict)
-    noise_seed: int = 0
+    effects: EffectValues = field(default_factory=dict)  # active effects: {name: {coefficient: value}}
+    noise_seed: int = 0  # seed of sensor noise and drift
+    #: Declarations of the effects that are not registered.
     declared: Mapping[str, Effect] = field(default_factory=dict)
+    #: Name of the machine, which reveals nothing about it; empty for the name that `identity` makes.
     machine: str = ""
 
     def identity(self, bench: Bench) -> str:
@@ -125,3 +117,59 @@ class Scenario:
         if self.declared:
             content["declared"] = {name: effect_to_mapping(effect) for name, effect in self.declared.items()}
         write_text(Path(path), json_text(content), private=True)
+
+
+_A, _p, _w = (sp.Symbol(name, real=True) for name in ("A", "p", "w"))
+_size = sp.sqrt(z * sp.conjugate(z))
+
+
+def _amplitude(unit: str, low: float, high: float, *, signed: bool = True) -> Coefficient:
+    return Coefficient("A", unit, "size", (low, high), (-1.0, 1.0), "assumed", signed=signed)
+
+
+def _shape(name: str, low: float, high: float, description: str) -> Coefficient:
+    middle, spread = 0.5 * (low + high), 0.5 * (high - low)
+    return Coefficient(
+        name, "1", description, (low, high), (0.0, 10.0), "assumed", shape=middle, shape_uncertainty=spread
+    )
+
+
+SPEED_BUMP = Effect(
+    name="speed_bump",
+    title="resonance of the structure at one speed",
+    category="other",
+    sentence="Near one speed the mount resonates and adds a torque in proportion to the tilt.",
+    laws=(Law("rotor_torque", _A * sp.exp(-(((Omega / Omega_ref - _p) / _w) ** 2)) * z),),
+    coefficients=(
+        _amplitude("N*m/rad", 0.02, 0.06),
+        _shape("p", 0.45, 0.95, "speed"),
+        _shape("w", 0.08, 0.15, "width"),
+    ),
+    validity="blind tests",
+    source="assumed",
+)
+THREE_LOBED = Effect(
+    name="three_lobed",
+    title="three-lobed torque",
+    category="other",
+    sentence="A field of three lobes fixed in the case turns the rotor towards the nearest lobe.",
+    laws=(Law("rotor_torque", _A * sp.conjugate(z) ** 2 / z_ref**2),),
+    coefficients=(_amplitude("N*m", 0.0015, 0.005),),
+    validity="blind tests",
+    source="assumed",
+)
+CONTACT = Effect(
+    name="contact",
+    title="contact beyond a tilt",
+    category="other",
+    sentence="Beyond some tilt the rotor touches a lead that pushes it back.",
+    laws=(Law("rotor_torque", -_A * sp.Max(_size / z_ref - _p, 0) * z / (_size + sp.Float(1e-9))),),
+    coefficients=(
+        _amplitude("N*m", 0.006, 0.02, signed=False),
+        _shape("p", 0.4, 0.55, "tilt where it begins"),
+    ),
+    validity="blind tests",
+    source="assumed",
+)
+
+UNREGISTERED: tuple[Effect, ...] = (SPEED_BUMP, THREE_LOBED, CONTACT)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
-    from gyrowheel_recording.mislabelled.fixes import Fix, WrongSetup
+    from gyrowheel_recording.mislabelled import Fix, WrongSetup
 
 _SPIN = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")
 #: The unit of a reading that is not in SI units.

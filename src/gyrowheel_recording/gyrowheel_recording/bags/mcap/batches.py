@@ -12,18 +12,13 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from gyrowheel_core.limits import require_room
-from gyrowheel_recording.bags.mcap.format import (
-    CHANNEL,
-    CHUNK,
-    DATA_END,
+from gyrowheel_core.files import require_room
+from gyrowheel_recording.bags.mcap import (
     MAGIC,
-    MESSAGE,
     MESSAGE_HEAD_DTYPE,
-    MESSAGE_INDEX,
     MESSAGE_OVERHEAD,
     RECORD_HEAD,
-    SCHEMA,
+    Op,
     joined_with,
 )
 from gyrowheel_recording.bags.mcap.records import (
@@ -92,12 +87,8 @@ class Batches:
     def next(self, buffer: Buffer) -> Batch | None:
         """Read the next batch; return None behind the end of the data.
 
-        Raises
-        ------
-        Damaged
-            If the file has no record where one must be, or has become shorter.
-        InputError
-            If a record claims more memory than is allowed.
+        Raises Damaged if the file has no record where one must be, or has become shorter. Raises InputError
+        if a record claims more memory than is allowed.
         """
         if self._ended:
             return None
@@ -120,7 +111,7 @@ class Batches:
                 stop += length
                 if opcode == 0:
                     raise Damaged(f"damaged: no record at byte {place + at}")
-                if opcode != MESSAGE_INDEX:
+                if opcode != Op.MESSAGE_INDEX:
                     whole = at
                     if unpacked > SIZE:
                         break
@@ -138,15 +129,15 @@ class Batches:
                 data = buffer.room(size)
                 self._read(data[before:size], place + before)
                 continue
-            if opcode == MESSAGE_INDEX:
+            if opcode == Op.MESSAGE_INDEX:
                 if owner >= 0:
                     index.append((owner, begin, length))
-            elif opcode == CHUNK:
+            elif opcode == Op.CHUNK:
                 owner = len(chunks)
                 chunks.append((begin, stop))
                 if length >= CHUNK_HEAD.size:
                     unpacked += CHUNK_HEAD.unpack_from(data, begin)[2]
-            elif opcode == DATA_END:
+            elif opcode == Op.DATA_END:
                 batch.checksum = Fields(data[begin:stop]).number("<I")
                 self._ended = True
                 break
@@ -210,8 +201,8 @@ def contents(batch: Batch, *, compiled: bool = False) -> Contents:
         If something contradicts what the file states of it.
     """
     data = batch.data
-    declarations = [(opcode, data[a:b]) for opcode, a, b in batch.others if opcode in (SCHEMA, CHANNEL)]
-    places = [begin - RECORD_HEAD.size for opcode, begin, _ in batch.others if opcode == MESSAGE]
+    declarations = [(opcode, data[a:b]) for opcode, a, b in batch.others if opcode in (Op.SCHEMA, Op.CHANNEL)]
+    places = [begin - RECORD_HEAD.size for opcode, begin, _ in batch.others if opcode == Op.MESSAGE]
     shares: list[Share] = []
     if places:
         at = np.array(places)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_core.wire import SECOND
-from gyrowheel_recording.bags.mcap.format import MESSAGE, MESSAGE_HEAD_DTYPE, MESSAGE_OVERHEAD, RECORD_HEAD
+from gyrowheel_recording.bags.mcap import MESSAGE_HEAD_DTYPE, MESSAGE_OVERHEAD, RECORD_HEAD, Op
 from gyrowheel_sim.jit import njit
 
 #: A memory as its bytes, and as the overlapping words of eight bytes that begin at each of them.
@@ -22,6 +22,7 @@ Words: TypeAlias = tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint64]]
 
 _HEAD: Final = MESSAGE_HEAD_DTYPE.itemsize
 _RECORD_HEAD: Final = RECORD_HEAD.size
+_MESSAGE: Final = Op.MESSAGE
 _CHANNELS: Final = 1 << 16
 _LONGEST: Final = np.uint64(1 << 62)  # a length up to which numbers with a sign and without are the same
 
@@ -72,7 +73,7 @@ def walk(
                 return False
             head = heads[at]
             own = record_of[head["channel"]]
-            if head["opcode"] != MESSAGE or head["length"] > _LONGEST or own < 0:
+            if head["opcode"] != _MESSAGE or head["length"] > _LONGEST or own < 0:
                 return False
             size = np.int64(head["length"])
             if size < MESSAGE_OVERHEAD or size > end - at - _RECORD_HEAD or next_entry[own] == index[own, 3]:

@@ -23,7 +23,8 @@ from typing import Final
 import numpy as np
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import require_room
+from gyrowheel_recording.bags.mcap import FOOTER_FORM, MAGIC, RECORD_HEAD, Op, crc32, joined
 from gyrowheel_recording.bags.mcap.batches import (
     SIZE,
     Batch,
@@ -33,18 +34,6 @@ from gyrowheel_recording.bags.mcap.batches import (
     Share,
     contents,
     filled,
-)
-from gyrowheel_recording.bags.mcap.format import (
-    CHANNEL,
-    FOOTER,
-    FOOTER_FORM,
-    MAGIC,
-    RECORD_HEAD,
-    SCHEMA,
-    STATISTICS,
-    SUMMARY_OFFSET,
-    crc32,
-    joined,
 )
 from gyrowheel_recording.bags.mcap.records import Broken, Damaged, Fields, record_at
 from gyrowheel_recording.bags.mcap.topics import Rows, TopicData, Want, Wanted
@@ -68,22 +57,10 @@ def read_mcap(
 ) -> list[TopicData]:
     """Read the messages of some topics of an MCAP file, and count those of the others; one result for each channel.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    wanted : mapping of str to Want or None
-        Names of the topics to read, and how.
-    unpack : callable, optional
-        Decompresses one message, where each is compressed on its own; raises `Damaged`.
-    threads, compiled : optional
-        Number of threads, each with memory for a batch, and whether to use compiled loops; by the size of the file if
-        not given. The result does not depend on them.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is incomplete or damaged.
+    `path`: the file; `wanted`: names of the topics to read, and how; `unpack`: decompresses one message,
+    where each is compressed on its own; raises `Damaged`. `threads`, `compiled`: number of threads, each with
+    memory for a batch, and whether to use compiled loops; by the size of the file if not given. The result
+    does not depend on them. Raises InputError if the file cannot be read, is incomplete or damaged.
     """
     try:
         if path.exists() and not path.is_file():  # a pipe would be waited for
@@ -231,7 +208,7 @@ class _File:
     def _read_declaration(self, opcode: int, contents: memoryview) -> None:
         """Note a schema or channel; skip other records."""
         fields = Fields(contents)
-        if opcode == SCHEMA:
+        if opcode == Op.SCHEMA:
             number = fields.number("<H")
             schema = fields.text(), fields.text(), fields.text()
             known = self._schemas.get(number)
@@ -240,7 +217,7 @@ class _File:
                 self._schemas[number] = schema
             elif known != schema:
                 raise Damaged(f"damaged: schema {number} is declared in two ways")
-        elif opcode == CHANNEL:
+        elif opcode == Op.CHANNEL:
             number, of = fields.number("<H"), fields.number("<H")
             type_name, encoding, text = self._schemas.get(of, ("", "", ""))
             topic = TopicData(fields.text(), type_name, fields.text(), encoding, text)
@@ -282,7 +259,7 @@ class _File:
     def _check_summary(self, tail: bytes) -> None:
         """Compare what was read with the summary; `tail` is the end of the file."""
         opcode, length, start, _, checksum, _ = FOOTER_FORM.unpack(tail)
-        if opcode != FOOTER or length != FOOTER_FORM.size - RECORD_HEAD.size - len(MAGIC):
+        if opcode != Op.FOOTER or length != FOOTER_FORM.size - RECORD_HEAD.size - len(MAGIC):
             raise Damaged("damaged: no footer where it must be")
         if start == 0:
             return
@@ -298,12 +275,12 @@ class _File:
         position = 0
         while position < end:
             opcode, begin, stop = record_at(summary, position, end)
-            if opcode == STATISTICS:
+            if opcode == Op.STATISTICS:
                 total = Fields(summary[begin:stop]).number("<Q")
                 count = sum(topic.count for topic in self._topics.values())
                 if total != count:
                     raise Damaged(f"damaged: {count} messages where the summary counts {total}")
-            elif opcode in (SCHEMA, CHANNEL):  # a topic without messages may be declared here only
+            elif opcode in (Op.SCHEMA, Op.CHANNEL):  # a topic without messages may be declared here only
                 self._read_declaration(opcode, summary[begin:stop])
             position = stop
 
@@ -344,7 +321,7 @@ def _stated(part: Callable[[int, int], bytes], tail: bytes, size: int) -> dict[i
         while position < len(groups):
             opcode, begin, position = record_at(groups, position, len(groups))
             fields = Fields(groups[begin:position])
-            if opcode != SUMMARY_OFFSET or fields.number("<B") != STATISTICS:
+            if opcode != Op.SUMMARY_OFFSET or fields.number("<B") != Op.STATISTICS:
                 continue
             place, length = fields.number("<Q"), fields.number("<Q")
             if length > _MOST_OFFSETS or not summary <= place < offsets:

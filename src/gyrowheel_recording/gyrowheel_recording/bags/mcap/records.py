@@ -18,15 +18,7 @@ import zstandard
 
 from gyrowheel_core.arrays import everywhere, gathered
 from gyrowheel_core.errors import InputError
-from gyrowheel_recording.bags.mcap.format import (
-    CHANNEL,
-    MESSAGE,
-    MESSAGE_HEAD_DTYPE,
-    MESSAGE_OVERHEAD,
-    RECORD_HEAD,
-    SCHEMA,
-    crc32,
-)
+from gyrowheel_recording.bags.mcap import MESSAGE_HEAD_DTYPE, MESSAGE_OVERHEAD, RECORD_HEAD, Op, crc32
 
 #: What signals and messages can be compressed by, generously; only a file made to fill a memory reaches more.
 MOST_COMPRESSED: Final = 1000
@@ -76,10 +68,7 @@ class Chunk:
 def open_chunk(contents: memoryview, where: str) -> Chunk:
     """Open the contents of a chunk record.
 
-    Raises
-    ------
-    Damaged
-        If they contradict what the record states; the message names `where`.
+    Raises Damaged if they contradict what the record states; the message names `where`.
     """
     fields = Fields(contents)
     start, end, size, checksum = fields.numbers(CHUNK_HEAD)
@@ -143,13 +132,8 @@ class Indexed:
 def find_messages(chunks: Sequence[tuple[memoryview, Sequence[Bytes]]], where: str) -> Found:
     """Find the messages in chunks by their index, and all records between them.
 
-    `chunks` has the records of each chunk and the contents of its index records; messages missing from the index are
-    found too.
-
-    Raises
-    ------
-    Damaged
-        If an index does not fit, or a record is cut off; it names `where`.
+    `chunks` has the records of each chunk and the contents of its index records; messages missing from the
+    index are found too. Raises Damaged if an index does not fit, or a record is cut off; it names `where`.
     """
     records = chunks[0][0] if len(chunks) == 1 else memoryview(b"".join(part for part, _ in chunks))
     stops = np.cumsum([len(part) for part, _ in chunks])
@@ -178,9 +162,9 @@ def find(chunks: Indexed, where: str, *, compiled: bool = False) -> Found:
     for position, end in _gaps(chunks.spans, places, stops, where):
         while position < end:
             opcode, start, stop = record_at(records, position, end)
-            if opcode == MESSAGE:
+            if opcode == Op.MESSAGE:
                 further.append(position)
-            elif opcode in (SCHEMA, CHANNEL):
+            elif opcode in (Op.SCHEMA, Op.CHANNEL):
                 others.append((opcode, records[start:stop]))
                 if len(others) > _MOST_DECLARED:
                     raise Damaged(f"damaged: {where} declares more than there are numbers for")
@@ -274,7 +258,7 @@ def _walked(chunks: Indexed, index: npt.NDArray[np.int64]) -> Found | None:
 def load_walk() -> None:
     """Load the compiled loop of `find`: it finds a message of one byte in a chunk of its own."""
     head, index = np.zeros(1, MESSAGE_HEAD_DTYPE), np.zeros(1, _INDEX_HEAD)
-    head["opcode"], head["length"], index["length"] = MESSAGE, MESSAGE_OVERHEAD + 1, _ENTRY.itemsize
+    head["opcode"], head["length"], index["length"] = Op.MESSAGE, MESSAGE_OVERHEAD + 1, _ENTRY.itemsize
     records, content = head.tobytes() + b"\0", index.tobytes() + bytes(_ENTRY.itemsize)
     spans, parts = np.array([[0, len(records)]]), np.array([[0, 0, len(content)]])
     find(Indexed(memoryview(records), spans, memoryview(content), parts), "", compiled=True)
@@ -321,7 +305,7 @@ def heads_at(records: memoryview, places: npt.NDArray[np.int64], where: str) -> 
     heads = gathered(records, places, MESSAGE_HEAD_DTYPE)
     space = (len(records) - RECORD_HEAD.size - places).astype(np.uint64)
     length = heads["length"]
-    if np.any(heads["opcode"] != MESSAGE) or np.any(length < MESSAGE_OVERHEAD) or np.any(length > space):
+    if np.any(heads["opcode"] != Op.MESSAGE) or np.any(length < MESSAGE_OVERHEAD) or np.any(length > space):
         raise Damaged(f"damaged: the index of {where} does not point at messages")
     return heads
 

@@ -12,26 +12,9 @@ from typing import BinaryIO, Final
 
 import numpy as np
 
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import require_room
 from gyrowheel_core.wire import SECOND
-from gyrowheel_recording.bags.mcap.format import (
-    CHANNEL,
-    CHUNK,
-    DATA_END,
-    FOOTER,
-    FOOTER_FORM,
-    HEADER,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_INDEX,
-    MESSAGE_OVERHEAD,
-    METADATA,
-    RECORD_HEAD,
-    SCHEMA,
-    STATISTICS,
-    SUMMARY_OFFSET,
-    crc32,
-)
+from gyrowheel_recording.bags.mcap import FOOTER_FORM, MAGIC, MESSAGE_OVERHEAD, RECORD_HEAD, Op, crc32
 from gyrowheel_recording.bags.mcap.records import (
     LARGEST,
     Chunk,
@@ -95,7 +78,7 @@ class Survey:
 
     def declare(self, opcode: int, contents: memoryview, *, sure: bool) -> None:
         """Note a schema or a channel."""
-        if opcode in (SCHEMA, CHANNEL) and len(contents) >= 2:
+        if opcode in (Op.SCHEMA, Op.CHANNEL) and len(contents) >= 2:
             (number,) = struct.unpack_from("<H", contents)
             kept = self.sure if sure else self.unsure
             if (opcode, number) not in kept:
@@ -112,10 +95,7 @@ class Survey:
 def take_survey(stream: BinaryIO, name: str, progress: Callable[[float], None]) -> Survey:
     """Survey a file in any state; `progress` is called with the fraction done.
 
-    Raises
-    ------
-    InputError
-        If a part of it claims more memory than is allowed; it names `name`.
+    Raises InputError if a part of it claims more memory than is allowed; it names `name`.
     """
     return _Walk(stream, name, progress).run()
 
@@ -176,10 +156,14 @@ class _Walk:
         head = self._read(position, RECORD_HEAD.size)
         opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
         stop = position + RECORD_HEAD.size + length
-        if not (HEADER <= opcode <= DATA_END and opcode != FOOTER) or stop > self._size or length > _LONGEST:
+        if (
+            not (Op.HEADER <= opcode <= Op.DATA_END and opcode != Op.FOOTER)
+            or stop > self._size
+            or length > _LONGEST
+        ):
             return self._lose(position, opcode, length)
         body = self._read(position + RECORD_HEAD.size, length)
-        if opcode == MESSAGE_INDEX:
+        if opcode == Op.MESSAGE_INDEX:
             if self._chunk is None:
                 self._orphans.append((position, body))
             else:
@@ -187,15 +171,15 @@ class _Walk:
         else:
             self._close_chunk()
             self._close_orphans()
-            if opcode == CHUNK:
+            if opcode == Op.CHUNK:
                 self._chunk = position, stop - position, body
-            elif opcode == MESSAGE:
+            elif opcode == Op.MESSAGE:
                 if length < MESSAGE_OVERHEAD:
                     return self._lose(position, opcode, length)
                 self._loose(position, stop)
-            elif opcode == DATA_END:
+            elif opcode == Op.DATA_END:
                 return self._finish(stop, body)
-            elif opcode in (SCHEMA, CHANNEL):
+            elif opcode in (Op.SCHEMA, Op.CHANNEL):
                 self._survey.declare(opcode, memoryview(body), sure=False)
         self._crc = crc32(body, crc32(head, self._crc))
         return stop
@@ -261,14 +245,14 @@ class _Walk:
         following = self._next_chunk(position + 1)
         rest = (self._size if following is None else following) - position
         start = end = None
-        if opcode == CHUNK:
+        if opcode == Op.CHUNK:
             start, end = _times(self._read(position + RECORD_HEAD.size, 16))
         if following is not None:
             self._survey.gaps.append(Gap("unreadable bytes", position, rest, None, start, end))
-        elif opcode in (MESSAGE_INDEX, METADATA) and rest > RECORD_HEAD.size and length > rest:
+        elif opcode in (Op.MESSAGE_INDEX, Op.METADATA) and rest > RECORD_HEAD.size and length > rest:
             pass  # cut off within a part that can be rebuilt
-        elif HEADER <= opcode <= DATA_END and length > rest:
-            known = opcode == CHUNK
+        elif Op.HEADER <= opcode <= Op.DATA_END and length > rest:
+            known = opcode == Op.CHUNK
             self._survey.gaps.append(
                 Gap(
                     "a chunk that is cut off" if known else "a record that is cut off",
@@ -328,7 +312,7 @@ class _Walk:
         opcode, _, start, _, checksum, _ = FOOTER_FORM.unpack(tail[-FOOTER_FORM.size :])
         right = not checksum or crc32(tail[: -len(MAGIC) - 4]) == checksum
         survey.ended = True
-        if opcode != FOOTER or not right:
+        if opcode != Op.FOOTER or not right:
             survey.notes.append("the checksum of its summary is wrong")
             return None
         # where bytes are missing, the summary begins elsewhere than stated, but its checksum proves it right
@@ -342,12 +326,12 @@ class _Walk:
         while position < len(summary):
             opcode, length = RECORD_HEAD.unpack_from(summary, position)
             contents = summary[position + RECORD_HEAD.size :][:length]
-            if opcode == STATISTICS:
+            if opcode == Op.STATISTICS:
                 fields = Fields(contents)
                 self._survey.count = fields.number("<Q")
                 fields.data(2 + 4 * 4 + 8)
                 self._survey.end = fields.number("<Q")
-            elif opcode == SUMMARY_OFFSET:
+            elif opcode == Op.SUMMARY_OFFSET:
                 return
             else:
                 self._survey.declare(opcode, contents, sure=sure)
@@ -357,10 +341,7 @@ class _Walk:
 def _examine(body: bytes, index: Sequence[bytes], where: str) -> tuple[Chunk, Found, bool, str]:
     """Open a chunk and find its messages; return also whether a checksum covers it, and a note.
 
-    Raises
-    ------
-    Damaged
-        If the chunk is damaged.
+    Raises Damaged if the chunk is damaged.
     """
     try:
         chunk = open_chunk(memoryview(body), where)
@@ -391,7 +372,7 @@ def _declarations(body: bytes) -> Iterator[tuple[int, memoryview]]:
         position = 0
         while position + RECORD_HEAD.size <= len(records):
             opcode, length = RECORD_HEAD.unpack_from(records, position)
-            if opcode not in (SCHEMA, CHANNEL):
+            if opcode not in (Op.SCHEMA, Op.CHANNEL):
                 return
             yield opcode, records[position + RECORD_HEAD.size :][:length]
             position += RECORD_HEAD.size + length

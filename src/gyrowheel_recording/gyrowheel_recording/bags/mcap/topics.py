@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from gyrowheel_core.limits import largest
+from gyrowheel_core.files import largest_unpacked
 
 _BLOCK: Final = 48 << 20  # bytes of rows that are laid out at a time where their number is not known
 
@@ -89,7 +89,7 @@ class TopicData:
     def _new_block(self, row: np.dtype[Any], count: int) -> Rows:
         if self._block is None:
             # only what is written takes memory, so that a false number costs nothing
-            stated = min(self.expected, largest() // row.itemsize)
+            stated = min(self.expected, largest_unpacked() // row.itemsize)
             try:
                 return np.zeros(max(stated, count), row)
             except MemoryError:

@@ -20,25 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from gyrowheel_core.arrays import everywhere
-from gyrowheel_recording.bags.mcap.format import (
-    CHANNEL,
-    CHUNK,
-    CHUNK_INDEX,
-    DATA_END,
-    FOOTER,
-    HEADER,
+from gyrowheel_recording.bags.mcap import (
     MAGIC,
-    MESSAGE,
     MESSAGE_HEAD,
     MESSAGE_HEAD_DTYPE,
-    MESSAGE_INDEX,
     MESSAGE_OVERHEAD,
-    METADATA,
-    METADATA_INDEX,
     RECORD_HEAD,
-    SCHEMA,
-    STATISTICS,
-    SUMMARY_OFFSET,
+    Op,
     PackedBytes,
     crc32,
 )
@@ -99,20 +87,20 @@ class McapWriter:
         self._file = path.open("xb", buffering=0)
         with contextlib.suppress(OSError):  # some file systems cannot
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        self._write(MAGIC + _record(HEADER, _text("ros2"), _text("gyrowheel")))
+        self._write(MAGIC + _record(Op.HEADER, _text("ros2"), _text("gyrowheel")))
 
     def add_channel(self, topic: str, type_name: str, definition: str, metadata: Mapping[str, str]) -> int:
         """Add a topic of CDR messages, with a definition of encoding ``ros2msg``; return the number of its channel."""
         if type_name not in self._numbers:
             number = len(self._schemas) + 1
             record = _record(
-                SCHEMA, struct.pack("<H", number), _text(type_name), _text("ros2msg"), _text(definition)
+                Op.SCHEMA, struct.pack("<H", number), _text(type_name), _text("ros2msg"), _text(definition)
             )
             self._schemas[number], self._numbers[type_name] = record, number
             self._buffer += record
         channel = len(self._channels) + 1
         ids = struct.pack("<HH", channel, self._numbers[type_name])
-        record = _record(CHANNEL, ids, _text(topic), _text("cdr"), _map(metadata))
+        record = _record(Op.CHANNEL, ids, _text(topic), _text("cdr"), _map(metadata))
         self._channels[channel] = record
         self._buffer += record
         self.counts[channel] = 0
@@ -120,20 +108,16 @@ class McapWriter:
 
     def adopt(self, schemas: Mapping[int, bytes], channels: Mapping[int, bytes]) -> None:
         """Take over schemas and channels of another file: the contents of their records, by number."""
-        self._schemas = {number: _record(SCHEMA, contents) for number, contents in schemas.items()}
-        self._channels = {number: _record(CHANNEL, contents) for number, contents in channels.items()}
+        self._schemas = {number: _record(Op.SCHEMA, contents) for number, contents in schemas.items()}
+        self._channels = {number: _record(Op.CHANNEL, contents) for number, contents in channels.items()}
         self.counts = dict.fromkeys(channels, 0)
         self._write(b"".join([*self._schemas.values(), *self._channels.values()]))
 
     def append_chunk(self, records: memoryview, index: Mapping[int, npt.NDArray[np.uint64]]) -> None:
         """Write the uncompressed records of a chunk of another file whose schemas and channels were adopted.
 
-        `index` has log time and place of its messages, shape (n, 2), by channel; not empty.
-
-        Raises
-        ------
-        OSError
-            If the disk refuses it.
+        `index` has log time and place of its messages, shape (n, 2), by channel; not empty. Raises OSError if
+        the disk refuses it.
         """
         times = [pairs[:, 0] for pairs in index.values()]
         start, end = min(int(part.min()) for part in times), max(int(part.max()) for part in times)
@@ -145,17 +129,12 @@ class McapWriter:
     def append(self, channel: int, log_time: int, data: bytes) -> None:
         """Write one message.
 
-        Raises
-        ------
-        ValueError
-            If the time is negative.
-        OSError
-            If the disk refuses it.
+        Raises ValueError if the time is negative. Raises OSError if the disk refuses it.
         """
         offset = len(self._buffer)
         try:
             self._buffer += MESSAGE_HEAD.pack(
-                MESSAGE, MESSAGE_OVERHEAD + len(data), channel, 0, log_time, log_time
+                Op.MESSAGE, MESSAGE_OVERHEAD + len(data), channel, 0, log_time, log_time
             )
         except struct.error:
             raise ValueError(f"log time {log_time} ns is out of range") from None
@@ -175,12 +154,8 @@ class McapWriter:
     def append_blocks(self, blocks: Sequence[Block]) -> None:
         """Write whole columns of messages, merged by time (at equal times in the order of the blocks).
 
-        Raises
-        ------
-        ValueError
-            If a time is negative, or the times of a block do not ascend.
-        OSError
-            If the disk refuses it.
+        Raises ValueError if a time is negative, or the times of a block do not ascend. Raises OSError if the
+        disk refuses it.
         """
         self.flush()
         blocks = [block for block in blocks if len(block.times)]
@@ -258,10 +233,7 @@ class McapWriter:
     def require_length(self) -> None:
         """Require that the file is as long as what was written: after a cut, writing goes on behind a hole of zeros.
 
-        Raises
-        ------
-        OSError
-            If it is not.
+        Raises OSError if it is not.
         """
         found = os.fstat(self._file.fileno()).st_size
         if found != self._position:
@@ -273,18 +245,16 @@ class McapWriter:
     def finish(self, metadata: str) -> None:
         """Complete the file with rosbag2's metadata for it (YAML), and close it.
 
-        Raises
-        ------
-        OSError
-            If the disk refuses it; the file then ends with its last chunk and can be finished later.
+        Raises OSError if the disk refuses it; the file then ends with its last chunk and can be finished
+        later.
         """
         self.flush()
         if self._buffer:  # channels without messages
             self._write(self._buffer)
             self.drop()
         metadata_start = self._position
-        record = _record(METADATA, _text("rosbag2"), _map({"serialized_metadata": metadata}))
-        data_end = _record(DATA_END, struct.pack("<I", crc32(record, self._crc)))
+        record = _record(Op.METADATA, _text("rosbag2"), _map({"serialized_metadata": metadata}))
+        data_end = _record(Op.DATA_END, struct.pack("<I", crc32(record, self._crc)))
         head = record + data_end
 
         counts = b"".join(struct.pack("<HQ", channel, count) for channel, count in self.counts.items())
@@ -302,11 +272,11 @@ class McapWriter:
         )
         metadata_index = struct.pack("<QQ", metadata_start, len(record))
         groups: dict[int, PackedBytes | list[bytes]] = {
-            SCHEMA: list(self._schemas.values()),
-            CHANNEL: list(self._channels.values()),
-            STATISTICS: [_record(STATISTICS, statistics, counts)],
-            CHUNK_INDEX: self._chunk_indexes,
-            METADATA_INDEX: [_record(METADATA_INDEX, metadata_index, _text("rosbag2"))],
+            Op.SCHEMA: list(self._schemas.values()),
+            Op.CHANNEL: list(self._channels.values()),
+            Op.STATISTICS: [_record(Op.STATISTICS, statistics, counts)],
+            Op.CHUNK_INDEX: self._chunk_indexes,
+            Op.METADATA_INDEX: [_record(Op.METADATA_INDEX, metadata_index, _text("rosbag2"))],
         }
         self._write_all(self._tail(head, groups))
         os.fsync(self._file.fileno())
@@ -323,8 +293,8 @@ class McapWriter:
                 crc = crc32(piece, crc)
                 yield piece
             if length := self._position - start:
-                offsets += _record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))
-        footer = struct.pack("<BQQQ", FOOTER, 20, summary_start, self._position)
+                offsets += _record(Op.SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))
+        footer = struct.pack("<BQQQ", Op.FOOTER, 20, summary_start, self._position)
         tail = offsets + footer  # the checksum covers the footer up to itself
         yield tail + struct.pack("<I", crc32(tail, crc)) + MAGIC
 
@@ -341,15 +311,15 @@ class McapWriter:
             self.drop()
         size = len(records)
         head = struct.pack("<QQQI", start, end, size, crc32(records)) + _text("") + struct.pack("<Q", size)
-        chunk = RECORD_HEAD.pack(CHUNK, len(head) + size) + head
+        chunk = RECORD_HEAD.pack(Op.CHUNK, len(head) + size) + head
         indexes = b""
         places = b""
         for channel, entries in index.items():
             place = self._position + len(chunk) + size + len(indexes)
             places += struct.pack("<HQ", channel, place)
-            indexes += _record(MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)), entries)
+            indexes += _record(Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)), entries)
         entry = _record(
-            CHUNK_INDEX,
+            Op.CHUNK_INDEX,
             struct.pack("<QQQQI", start, end, self._position, len(chunk) + size, len(places)),
             places,
             struct.pack("<Q", len(indexes)),
@@ -412,7 +382,7 @@ def _records(block: Block, part: slice) -> npt.NDArray[Any]:
     size = messages.dtype.itemsize
     records = np.zeros(len(messages), dtype=[("head", MESSAGE_HEAD_DTYPE), ("data", f"V{size}")])
     head = records["head"]
-    head["opcode"] = MESSAGE
+    head["opcode"] = Op.MESSAGE
     head["length"] = MESSAGE_OVERHEAD + size
     head["channel"] = block.channel
     head["log_time"] = head["publish_time"] = block.times[part]

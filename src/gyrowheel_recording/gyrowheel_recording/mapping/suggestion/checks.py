@@ -14,8 +14,7 @@ from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS, fits
 from gyrowheel_recording.mapping.map_file import READINGS
-from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.unit_guess import SOME
+from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal
 from gyrowheel_recording.mislabelled.blocks import COIL, TILT, averages, blocks_of, never_measured
 from gyrowheel_recording.mislabelled.relations import precession, slews, spin
 from gyrowheel_recording.tables import Column, Grid

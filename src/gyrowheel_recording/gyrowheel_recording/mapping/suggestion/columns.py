@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from gyrowheel_recording.mapping.column_names import SEQUENCE, TEMPERATURE, TIME, UNITS, Meaning, meaning_of
 from gyrowheel_recording.mapping.map_file import READINGS, TIMESTAMP
+from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, angle_unit, guess_unit
 from gyrowheel_recording.mapping.suggestion.checks import odd_cells
 from gyrowheel_recording.mapping.suggestion.pulses import counted_angle, has_levels, pulsed_angle
-from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.unit_guess import SOME, angle_unit, guess_unit
 from gyrowheel_recording.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
 

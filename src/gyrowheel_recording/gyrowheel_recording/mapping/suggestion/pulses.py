@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from gyrowheel_recording.mapping.column_names import TIME, meaning_of
 from gyrowheel_recording.mapping.map_file import COUNT, MOST_PULSES, TIMESTAMP
 from gyrowheel_recording.mapping.pulses import edges_of_count, edges_of_level, levels
-from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.unit_guess import SOME, in_si, wraps
+from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, in_si, wraps
 from gyrowheel_recording.tables import Column, Grid
 
 Array = NDArray[np.float64]

@@ -8,12 +8,11 @@ from typing import Final
 import numpy as np
 
 from gyrowheel_core.units import conversion
-from gyrowheel_recording.bags.sampling import LONGEST, SHORTEST
+from gyrowheel_recording.bags.reader import LONGEST, SHORTEST
 from gyrowheel_recording.mapping.column_names import SEQUENCE, TIME, UNITS, meaning_of, unknown_unit
 from gyrowheel_recording.mapping.map_file import TIMESTAMP
+from gyrowheel_recording.mapping.suggestion import Problem, Proposal, guess_unit, holes, largest, usual_size
 from gyrowheel_recording.mapping.suggestion.checks import merged_loggers, odd_cells, sentinel, value_problems
-from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal
-from gyrowheel_recording.mapping.suggestion.unit_guess import guess_unit, holes, largest, usual_size
 from gyrowheel_recording.tables import Grid
 from gyrowheel_sim.bench import Bench
 

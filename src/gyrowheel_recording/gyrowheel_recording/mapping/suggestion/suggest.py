@@ -16,7 +16,9 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mapping.clock import clock_offset
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, SEQUENCE, TIME, UNITS, known_unit
+from gyrowheel_recording.mapping.exchange import import_table
 from gyrowheel_recording.mapping.map_file import READINGS, SCHEMA, ColumnMap
+from gyrowheel_recording.mapping.suggestion import Problem, Proposal, Suggestion, holes, in_si
 from gyrowheel_recording.mapping.suggestion.checks import (
     broken_laws,
     rows_in_order,
@@ -25,11 +27,8 @@ from gyrowheel_recording.mapping.suggestion.checks import (
 )
 from gyrowheel_recording.mapping.suggestion.columns import assign_columns
 from gyrowheel_recording.mapping.suggestion.questions import column_problems
-from gyrowheel_recording.mapping.suggestion.result import Problem, Proposal, Suggestion
-from gyrowheel_recording.mapping.suggestion.unit_guess import holes, in_si
-from gyrowheel_recording.mapping.table_import import import_table
+from gyrowheel_recording.mislabelled import WrongSetup
 from gyrowheel_recording.mislabelled.find import wrong_setups
-from gyrowheel_recording.mislabelled.fixes import WrongSetup
 from gyrowheel_recording.tables import Grid, TextForm, form_of_file, format_of, read_grid
 from gyrowheel_sim.bench import Bench
 

@@ -15,13 +15,12 @@ from rosbags.interfaces.typing import FieldDesc
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import is_file
-from gyrowheel_core.limits import largest, require_room
+from gyrowheel_core.files import is_file, largest_unpacked, require_room
 from gyrowheel_recording.bags.columns import checked_store
 from gyrowheel_recording.bags.mcap.topics import TopicData
 from gyrowheel_recording.bags.read_bag import read_bag
 from gyrowheel_recording.tables.grid import BYTES_A_VALUE, Column, Grid, require_table
-from gyrowheel_recording.tables.readers.errors import library_errors, short_message
+from gyrowheel_recording.tables.readers import library_errors, short_message
 from gyrowheel_recording.tables.readers.ros1 import MAGIC, Bag
 
 _OBJECT: Final = 200  # bytes of a message within another, of one byte
@@ -47,10 +46,7 @@ class Decoders:
     def of(self, topic: TopicData, digest: str = "") -> Callable[[bytes], Any]:
         """Return what makes objects of the messages of a topic, whose definition has a checksum or none.
 
-        Raises
-        ------
-        InputError
-            If their type cannot be read; so does what is returned, if a message cannot.
+        Raises InputError if their type cannot be read; so does what is returned, if a message cannot.
         """
         key = topic.type_name, topic.definition, digest
         if key not in self._known:
@@ -171,7 +167,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     remarks: list[str] = []
     with library_errors(path):
         take = _ros1 if is_file(path) and _begins(path) else _ros2
-        kept, most = 0, largest() / BYTES_A_VALUE
+        kept, most = 0, largest_unpacked() / BYTES_A_VALUE
         for topic, decode, logged, message in take(path, names, remarks):
             own = topics.setdefault(topic.name, _Topic(topic.name, names))
             if own.seen and not own.parts and names is None:
@@ -227,7 +223,9 @@ def _ros2(path: Path, names: Sequence[str] | None, remarks: list[str]) -> Iterat
     if names is None:
         there = read_bag(path, {})
         wanted = [topic.name for topic in there.values() if topic.count]
-        if _bytes_of(path) > largest() // 2:  # pictures and the like would not leave room for anything else
+        if (
+            _bytes_of(path) > largest_unpacked() // 2
+        ):  # pictures and the like would not leave room for anything else
             for name in [name for name in wanted if decoders.has_lists_of_bytes(there[name])]:
                 wanted.remove(name)
                 remarks.append(f"{name} is left out: it has lists of bytes, and the bag is large")
@@ -308,29 +306,16 @@ class _Values:
 
 
 class _Topic:
-    """The messages of a topic, as far as they were read.
-
-    Attributes
-    ----------
-    count : int
-        How many.
-    times : _Values
-        Their stamps [ns].
-    parts : dict of str to callable
-        How the numbers in them are taken out, by their names.
-    values : dict of str to _Values
-        The numbers; NaN in messages that do not have one.
-    seen : set
-        Lists of names in them that were met.
-    """
+    """The messages of a topic, as far as they were read."""
 
     def __init__(self, name: str, wanted: Sequence[str] | None) -> None:
         self._name, self._wanted = name, wanted
-        self.count = 0
-        self.times, self._logged = _Values(0), _Values(0)
+        self.count = 0  # how many
+        self.times, self._logged = _Values(0), _Values(0)  # their stamps [ns]
+        #: How the numbers in them are taken out, by their names.
         self.parts: dict[str, Callable[[Any], Any]] = {}
-        self.values: dict[str, _Values] = {}
-        self.seen: set[tuple[str, ...]] = set()
+        self.values: dict[str, _Values] = {}  # the numbers; NaN in messages that do not have one
+        self.seen: set[tuple[str, ...]] = set()  # lists of names in them that were met
 
     def add(self, message: Any, logged: int) -> int:
         """Add a message that was logged at a time [ns]; return how many numbers that are."""

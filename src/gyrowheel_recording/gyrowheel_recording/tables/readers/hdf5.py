@@ -12,9 +12,9 @@ from typing import Any, Final, Self
 import numpy as np
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import largest, require_room
+from gyrowheel_core.files import largest_unpacked, require_room
 from gyrowheel_recording.tables.grid import Column, Grid, require_table, split
-from gyrowheel_recording.tables.readers.errors import (
+from gyrowheel_recording.tables.readers import (
     DEFLATED,
     inflate,
     library_errors,
@@ -65,7 +65,7 @@ def _require_chunks(node: Any, where: str, codes: list[int], size: int) -> None:
     suspect: list[Any] = []
 
     def note(chunk: Any) -> None:
-        if most * chunk.size > largest():
+        if most * chunk.size > largest_unpacked():
             suspect.append(chunk.chunk_offset)
 
     node.id.chunk_iter(note)

@@ -12,9 +12,9 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import largest, require_room
+from gyrowheel_core.files import largest_unpacked, require_room
 from gyrowheel_recording.tables.grid import Column, Grid, split
-from gyrowheel_recording.tables.readers.errors import inflate, library_errors, object_remarks
+from gyrowheel_recording.tables.readers import inflate, library_errors, object_remarks
 
 _HEAD: Final = 128  # bytes before the first variable
 _TAG: Final = 8
@@ -113,20 +113,14 @@ class _Variables:
 
 
 class _Elements:
-    """The elements of a variable.
-
-    Attributes
-    ----------
-    grown : float
-        Bytes that what was gone through takes in memory, as SciPy returns it.
-    """
+    """The elements of a variable."""
 
     def __init__(self, path: Path, data: bytearray, order: str, grown: float) -> None:
         self._path, self._data, self._place = path, memoryview(data), 0
-        self._limit = largest()
+        self._limit = largest_unpacked()
         self._pair = struct.Struct(f"{order}II")
         self._order = order
-        self.grown = grown
+        self.grown = grown  # bytes that what was gone through takes in memory, as SciPy returns it
 
     def matrix(self, depth: int) -> None:
         """Go through one array of any class, and through what is in it."""

@@ -21,9 +21,9 @@ import zstandard
 from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import largest, require_room
+from gyrowheel_core.files import largest_unpacked, require_room
 from gyrowheel_recording.tables.grid import Column, Grid, require_table
-from gyrowheel_recording.tables.readers.errors import DEFLATED, inflate, library, library_errors
+from gyrowheel_recording.tables.readers import DEFLATED, inflate, library, library_errors
 
 _LONGEST: Final = 1000
 _VARIABLES: Final = ("X", "X1", "x", "x1")
@@ -108,10 +108,7 @@ _OLD_FIRST: Final = 68
 def require_links(path: Path) -> None:
     """Refuse a file whose lists have no end, or that unpacks to more than the limit.
 
-    Raises
-    ------
-    InputError
-        If it does, or is damaged so that it could.
+    Raises InputError if it does, or is damaged so that it could.
     """
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         if data[8:9] == _OLDEST_OF_4:
@@ -193,7 +190,7 @@ class _Blocks:
             raise self._damaged(f"the block at byte {place} is cut off")
         self._unpacked += size
         require_room(self._unpacked, f"{self._path}: unpacked, it")
-        if way in _DEFLATE and stored * DEFLATED <= largest():
+        if way in _DEFLATE and stored * DEFLATED <= largest_unpacked():
             return
         packed = self._data[begin : begin + stored]
         if sum(map(len, _pieces(packed, way, size + 1))) > size:

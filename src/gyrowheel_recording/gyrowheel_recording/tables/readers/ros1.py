@@ -18,7 +18,7 @@ import lz4.frame
 from rosbags.typesys.msg import normalize_msgtype
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import require_room
 from gyrowheel_recording.bags.mcap.records import MOST_COMPRESSED
 from gyrowheel_recording.bags.mcap.topics import TopicData
 
@@ -46,10 +46,7 @@ class Connection:
 class Bag:
     """A bag of ROS 1, to be gone through once.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
+    `path`: the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -66,10 +63,7 @@ class Bag:
     def messages(self) -> Iterator[tuple[Connection, int, memoryview]]:
         """Yield each message with its connection and the time at which it was logged [ns].
 
-        Raises
-        ------
-        InputError
-            If the bag is damaged, was not completed, or grows to more than the limit.
+        Raises InputError if the bag is damaged, was not completed, or grows to more than the limit.
         """
         with self._path.open("rb") as file:
             left = os.fstat(file.fileno()).st_size - len(_VERSION)

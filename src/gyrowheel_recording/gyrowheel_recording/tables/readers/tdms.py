@@ -12,7 +12,7 @@ import numpy as np
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.tables.grid import Column, Grid, require_table
-from gyrowheel_recording.tables.readers.errors import library, library_errors
+from gyrowheel_recording.tables.readers import library, library_errors
 
 _NS: Final = 1e-9
 _SCALES: Final = re.compile(r"NI_Scale\[(\d+)\]")

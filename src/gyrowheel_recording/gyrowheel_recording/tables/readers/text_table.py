@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from gyrowheel_core.errors import InputError, one_line
-from gyrowheel_core.limits import require_room
+from gyrowheel_core.files import require_room
 from gyrowheel_recording.tables.grid import Column, Grid, Odd
 from gyrowheel_recording.tables.readers.arrow import as_numbers
 from gyrowheel_recording.tables.text import EMPTY, TextForm, form_of, plain_rows, text_of
@@ -76,11 +76,8 @@ _TO_ISO: Final = (
 def dates_of(values: Any) -> Any:
     """Return a column of texts as dates with times, or None if one of them is no date.
 
-    Parameters
-    ----------
-    values : pyarrow.ChunkedArray
-        Texts; null where a cell is empty. Dates as in ISO 8601, all with a zone behind them or none, or as in
-        `_TO_ISO`. A date such as 05/04/2026 is ambiguous, and refused.
+    `values`: texts; null where a cell is empty. Dates as in ISO 8601, all with a zone behind them or none, or
+    as in `_TO_ISO`. A date such as 05/04/2026 is ambiguous, and refused.
     """
     for _ in range(2):
         for zone in (None, "UTC"):

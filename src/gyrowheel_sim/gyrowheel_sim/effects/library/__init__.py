@@ -12,38 +12,13 @@ from gyrowheel_sim.effects.declaration import Effect
 
 #: Effects in fixed order, in which they are shown and a seed of a blind test draws. The others follow by module.
 _FIRST = (
-    "aero_restoring",
-    "aero_cross",
-    "windage",
-    "bearing_coulomb",
-    "bearing_viscous",
-    "coil_tilt",
-    "coil_heating",
-    "cubic_stiffness",
-    "flexure_damping",
-    "gravity_offset",
-    "fixed_torque",
-    "tilt_bias",
-    "windage_tilt",
-    "eddy_drag",
-    "flexure_hysteresis",
-    "external_damping",
-    "earth_rate",
-    "tilt_scale",
-    "tilt_rotation",
-    "coil_anisotropy",
-    "coil_inductance",
-    "motor_heating",
-    "winding_heating",
-    "static_imbalance",
-    "runout",
-    "target_flatness",
-    "stiffness_anisotropy",
-    "inertia_anisotropy",
-    "cogging",
-    "commutation_ripple",
-    "supply_sag",
-)
+    "aero_restoring", "aero_cross", "windage", "bearing_coulomb", "bearing_viscous", "coil_tilt",
+    "coil_heating", "cubic_stiffness", "flexure_damping", "gravity_offset", "fixed_torque", "tilt_bias",
+    "windage_tilt", "eddy_drag", "flexure_hysteresis", "external_damping", "earth_rate", "tilt_scale",
+    "tilt_rotation", "coil_anisotropy", "coil_inductance", "motor_heating", "winding_heating",
+    "static_imbalance", "runout", "target_flatness", "stiffness_anisotropy", "inertia_anisotropy", "cogging",
+    "commutation_ripple", "supply_sag",
+)  # fmt: skip
 
 
 def _declared() -> tuple[Effect, ...]:
