@@ -67,13 +67,14 @@ _SET_ASIDE: Final = {
 #: Packages under stricter licences than ours, and why they are listed: no installation needs them.
 _OPTIONAL: Final = {
     "asammdf": "reads MDF files if the extra `mdf` is installed; in this list for the tests",
+    "iminuit": "checks the estimator in the tests; in this list for them alone",
     "nptdms": "reads TDMS files if the extra `tdms` is installed; in this list for the tests",
 }
 #: Bundled parts of other projects whose licence the package does not state: name and licence.
 _WITHIN: Final = {"axe-playwright-python": ("axe-core", "MPL-2.0")}
 #: First lines of licence files, where a package states its licence in no other way.
 _HEADS: Final = {"Apache License": "Apache-2.0", "MIT License": "MIT"}
-_LESSER: Final = frozenset({"LGPL-3.0-only", "LGPL-3.0-or-later"})
+_LESSER: Final = frozenset({"LGPL-2.1-or-later", "LGPL-3.0-only", "LGPL-3.0-or-later"})
 _HEAD: Final = """\
 # Licences
 

@@ -25,11 +25,11 @@ def model(recording: gw.Recording) -> gw.Model:
 
 
 @pytest.fixture(scope="module")
-def fit(model: gw.Model, recording: gw.Recording) -> Fit:
+def fit(model: gw.Model, recording: gw.Recording) -> Fit[gw.Model]:
     return model.fit(recording, free=["windage", "bearing_viscous"])
 
 
-def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit) -> None:
+def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit[gw.Model]) -> None:
     cost, size = fit._cost, np.array(list(fit.errors.values()))
     minuit = Minuit(lambda x: cost(np.asarray(x) * size), fit.values / size, name=fit.names)
     minuit.errordef, minuit.strategy, minuit.tol = Minuit.LEAST_SQUARES, 2, 1e-9
@@ -51,14 +51,14 @@ def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit) -> None:
         )
 
 
-def test_covariance_does_not_depend_on_the_step_of_its_differences(fit: Fit) -> None:
+def test_covariance_does_not_depend_on_the_step_of_its_differences(fit: Fit[gw.Model]) -> None:
     size = np.array(list(fit.errors.values()))
     with one_thread():
         other = np.linalg.inv(fit._cost.hessian(fit.values, 0.05 * size) * np.outer(size, size))
     assert other == pytest.approx(fit.covariance.values / np.outer(size, size), abs=1e-5)
 
 
-def test_profile_and_contour_lie_where_chi_squared_rises_by_the_quantile(fit: Fit) -> None:
+def test_profile_and_contour_lie_where_chi_squared_rises_by_the_quantile(fit: Fit[gw.Model]) -> None:
     low, high = fit.interval("windage.n")
     assert fit.along("windage.n", [low, high]) == pytest.approx([3.8415, 3.8415], abs=1e-3)
     x, y = fit.contour("windage.w", "windage.n", points=4)
@@ -81,7 +81,7 @@ def test_linear_problem_has_the_covariance_of_scipy(model: gw.Model, recording: 
     assert covariance[0, 0] == pytest.approx(fit.covariance["windage.w", "windage.w"], rel=1e-5)
 
 
-def test_prior_data_and_both_are_stated_and_agree(fit: Fit) -> None:
+def test_prior_data_and_both_are_stated_and_agree(fit: Fit[gw.Model]) -> None:
     exponent = fit.params["windage.n"]
     assert exponent.prior is not None
     assert exponent.data is not None
@@ -111,7 +111,9 @@ def test_fixed_and_bounded_parameters_stay_where_they_are_put(
     assert "lies at a bound" in str(limited)
 
 
-def test_fit_makes_a_model_with_one_more_entry_that_can_be_undone(fit: Fit, model: gw.Model) -> None:
+def test_fit_makes_a_model_with_one_more_entry_that_can_be_undone(
+    fit: Fit[gw.Model], model: gw.Model
+) -> None:
     assert fit.model.effects["windage"]["w"] == fit.params["windage.w"].value
     assert fit.model.effect_errors["windage"]["n"] == fit.errors["windage.n"]
     assert fit.model.parameters["bearing_viscous"].value == fit.params["bearing_viscous"].value
@@ -119,7 +121,7 @@ def test_fit_makes_a_model_with_one_more_entry_that_can_be_undone(fit: Fit, mode
     assert fit.model.undo().effects == model.effects
 
 
-def test_rows_give_chi_squared_and_leverage_the_number_of_parameters(fit: Fit) -> None:
+def test_rows_give_chi_squared_and_leverage_the_number_of_parameters(fit: Fit[gw.Model]) -> None:
     frame = fit.residuals()
     assert (frame["whitened"] ** 2).sum() == pytest.approx(fit.chi2_rows)
     assert np.allclose(frame["measured"] - frame["predicted"], frame["residual"])
@@ -145,7 +147,7 @@ def test_criteria_prefer_the_model_with_the_effect(model: gw.Model, recording: g
     assert fit.aic == pytest.approx(fit.chi2 - fit.chi2_rows - 2.0 * fit.log_likelihood + 4.0)
 
 
-def test_draws_have_the_covariance_and_a_seed(fit: Fit) -> None:
+def test_draws_have_the_covariance_and_a_seed(fit: Fit[gw.Model]) -> None:
     drawn = fit.sample(4000, seed=1)
     found = np.cov(np.array(list(drawn.values())))
     size = np.array(list(fit.errors.values()))
@@ -155,7 +157,7 @@ def test_draws_have_the_covariance_and_a_seed(fit: Fit) -> None:
     assert np.array_equal(drawn["windage.w"], fit.sample(4000, seed=1)["windage.w"])
 
 
-def test_residuals_of_a_complete_model_are_white(fit: Fit) -> None:
+def test_residuals_of_a_complete_model_are_white(fit: Fit[gw.Model]) -> None:
     lag, correlation, band = fit.correlations("spin", "spin", lags=10)
     assert correlation[lag == 0] == pytest.approx(1.0)
     assert np.mean(np.abs(correlation[lag > 0]) < band) >= 0.8
@@ -187,7 +189,7 @@ def test_bad_options_are_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_pictures_of_a_fit_have_their_names_and_units(fit: Fit) -> None:
+def test_pictures_of_a_fit_have_their_names_and_units(fit: Fit[gw.Model]) -> None:
     assert fit.plot().axes[0].get_title("left") == "Correlation of the estimates"
     assert fit.plot("windage.w").axes[0].get_xlabel() == "windage.w [N·m]"
     with pytest.raises(gw.InputError, match=r"motor_constant: is fixed; allowed: windage\.w"):

@@ -176,7 +176,7 @@ class Model(Shown):
         loss: str = "linear",
         mixed: bool = False,
         progress: Say | None = None,
-    ) -> Fit:
+    ) -> Fit[Model]:
         """Estimate parameters of the model from recordings; the user decides which.
 
         Parameters
@@ -211,7 +211,7 @@ class Model(Shown):
             determine a free parameter.
         """
         from gyrowheel.models.estimation import Fit
-        from gyrowheel_analysis.estimation import estimate
+        from gyrowheel_analysis.estimation.estimate import estimate
 
         given = opened(recordings)
         require_one_machine(data(given), mixed=mixed)
@@ -229,7 +229,7 @@ class Model(Shown):
             loss=loss,
             progress=progress,
         )
-        return Fit.of(found)
+        return Fit.of(found, model=Model.of(found.fitted))
 
     def remove(self, *names: str) -> Model:
         """Return a new model without the named effects; the other coefficients keep their values.

@@ -4,39 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from gyrowheel.show.result import Result, columns_of
-from gyrowheel_analysis import estimation as facts
+from gyrowheel_analysis.estimation import result as facts
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
     from rich.console import RenderableType
 
-    from gyrowheel.models.api import Model
+
+#: The model of the front door, which imports this module.
+ModelType = TypeVar("ModelType")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Fit(Result, facts.Estimation):
+class Fit(Result, facts.Estimation, Generic[ModelType]):
     """Outcome of `Model.fit`: estimates with priors, covariance, profiles, criteria and residuals.
 
-    The fields are those of `gyrowheel_analysis.estimation.Estimation`; ``fitted`` is the model with the estimates.
+    The fields are those of `gyrowheel_analysis.estimation.result.Estimation`, and one more.
+
+    Attributes
+    ----------
+    model : Model
+        A new model with the estimates, and an entry in its history.
     """
+
+    model: ModelType
 
     @property
     def params(self) -> Mapping[str, facts.Parameter]:
         """All parameters by name, each with ``.value``, ``.standard_error``, ``.unit``, ``.prior``, ``.data``."""
         return self.parameters
-
-    @property
-    def model(self) -> Model:
-        """A new model with the estimates, and an entry in its history."""
-        from gyrowheel.models.api import Model
-
-        return Model.of(self.fitted)
 
     @property
     def errors(self) -> Mapping[str, float]:
@@ -54,33 +55,7 @@ class Fit(Result, facts.Estimation):
         _require_level(level)
         return {name: self.interval(name, level) for name in names or self._effects()}
 
-    def profile(
-        self, name: str, *, points: int = 21, reach: float = 3.0
-    ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return values of a parameter [SI] and the rise of chi-squared there, all others at their best.
-
-        Parameters
-        ----------
-        name : str
-            A free parameter.
-        points : int
-            Number of values.
-        reach : float
-            Standard errors on either side.
-
-        Raises
-        ------
-        InputError
-            If the parameter is unknown or fixed.
-        """
-        import numpy as np
-
-        own = self.parameters[self.names[self.free(name)]]
-        values = np.linspace(-reach, reach, points) * own.standard_error + own.value
-        values = np.clip(values, *own.bounds)
-        return values, self.along(name, values)
-
-    def evidence(self, other: Fit) -> float:
+    def evidence(self, other: Fit[Any]) -> float:
         """Return the natural log of the Bayes factor over another fit of the same recordings; above 5 is strong.
 
         Raises

@@ -16,7 +16,7 @@ from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import decimal, short, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.estimation import Estimation, Parameter
+    from gyrowheel_analysis.estimation.result import Estimation, Parameter
 
 _INDENT = (0, 0, 0, 2)
 #: Correlation from which on a pair is named, pairs and fixed parameters that are named at most.

@@ -12,12 +12,12 @@ from gyrowheel.show.figure import AFTER, BEFORE, DARK, SOFT, Picture, finished, 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gyrowheel.models.estimation import Fit
+    from gyrowheel_analysis.estimation.result import Estimation
 
 _LEVELS = (0.683, 0.95)
 
 
-def correlation_figure(fit: Fit) -> Figure:
+def correlation_figure(fit: Estimation) -> Figure:
     """Return the correlation matrix of the free parameters."""
     names, values = fit.names, fit.correlation.values
     count = len(names)
@@ -33,7 +33,7 @@ def correlation_figure(fit: Fit) -> Figure:
         return finished(figure)
 
 
-def profile_figure(fit: Fit, name: str) -> Figure:
+def profile_figure(fit: Estimation, name: str) -> Figure:
     """Return the profile of a parameter with its 95 % interval and the parabola of its standard error."""
     values, rise = fit.profile(name)
     own = fit.parameters[name]
@@ -63,7 +63,7 @@ def profile_figure(fit: Fit, name: str) -> Figure:
         return finished(figure)
 
 
-def contour_figure(fit: Fit, first: str, second: str) -> Figure:
+def contour_figure(fit: Estimation, first: str, second: str) -> Figure:
     """Return the regions of two parameters, by the profile and by the covariance."""
     one, two = fit.parameters[first], fit.parameters[second]
     pair = [fit.names.index(first), fit.names.index(second)]

@@ -1,0 +1,1 @@
+"""Estimation of parameters that the user chooses."""
