@@ -108,7 +108,7 @@ def test_too_little_motion_is_refused(tmp_path: Path):
         calibrate([record(tmp_path, "short", hidden_machine(1, {}), Plan.load(text))], Model.new())
 
 
-def test_the_model_takes_the_constants_and_gives_them_back(
+def test_calibrated_constants_enter_the_model_and_can_be_undone(
     calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
 ):
     _, _, found = calibrated
@@ -172,7 +172,7 @@ def test_a_parameter_error_that_was_added_is_not_found_again(tmp_path: Path):
         ({"calibrated": {"coil_constant": {"value": 0.02, "standard_error": -1}}}, "standard_error"),
     ],
 )
-def test_a_damaged_history_is_named(entry: dict[str, object], words: str):
+def test_damaged_history_is_refused_with_its_place(entry: dict[str, object], words: str):
     model = Model(BENCH, history=(entry,), overrides={"coil_constant": Override(0.02)})
     with pytest.raises(InputError, match=words):
         _ = model.reference_bench

@@ -130,7 +130,7 @@ def test_an_effect_below_the_detection_limit_is_reported_as_such(tmp_path: Path)
     assert found.next_test.plan == "inverted"
 
 
-def test_the_next_test_settles_what_the_first_could_not_show(tmp_path: Path) -> None:
+def test_next_test_reveals_the_effect_hidden_from_the_first_plan(tmp_path: Path) -> None:
     machine = hidden_machine(4, {"gravity_offset": {"G": 0.003}})
     recordings = [
         record(tmp_path, "fit", machine, "quick"),
@@ -291,7 +291,7 @@ def test_the_json_keeps_its_contract(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-def test_a_recording_carries_no_truth(tmp_path: Path) -> None:
+def test_recording_contains_no_hidden_truth(tmp_path: Path) -> None:
     machine = blind.draw(BENCH, 21, kinds=("single",))
     record(tmp_path, "fit", machine, "check")
     effect = next(iter(machine.effects))

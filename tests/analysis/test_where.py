@@ -367,7 +367,7 @@ def test_plainest_of_equivalent_variables_is_chosen_and_the_other_named() -> Non
         assert "or on the coil temperature, which varied along with it in these recordings" in said
 
 
-def test_order_in_small_residuals_is_detected() -> None:
+def test_autocorrelation_of_small_residuals_is_detected() -> None:
     """A swing far below the noise of a window shows in neighbours that are alike."""
     p = problem()
     count = len(p.balances[0].windows)
@@ -382,7 +382,7 @@ def test_order_in_small_residuals_is_detected() -> None:
     assert any("neighbouring windows are correlated" in text for text in sentences(found, white))
 
 
-def test_few_windows_give_no_test() -> None:
+def test_few_windows_give_no_dependence_test() -> None:
     p = problem()
     (balance,) = p.balances
     few = Balance(balance.windows.select(slice(0, 4)), BENCH)

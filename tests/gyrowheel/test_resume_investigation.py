@@ -117,7 +117,7 @@ def test_an_investigation_resumes_by_its_printed_command(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gyrowheel.simulation.api.record_simulation", record)
     monkeypatch.setattr("gyrowheel.investigation.verb._finish", lambda *_, **__: None)
-    monkeypatch.setattr("gyrowheel.recordings.provenance.note_machine", lambda *_: None)
+    monkeypatch.setattr("gyrowheel.recordings.api.note_machine", lambda *_: None)
     gyrowheel.good("model", "new", "--model", "m.yaml")
     hidden = ["--effect", "windage:w=0.0013", "--machine", 5, "--seed", 3]
     settings = ["--model", "m.yaml", "--simulate", "--plan", "check", *hidden]

@@ -72,7 +72,7 @@ class Added:
     events : tuple of DatedEvent
         Changes in the middle of a recording: part of the fit, but not of the prediction of validation recordings.
     proof : Proof
-        Whether the model with the effects predicts what was not fitted.
+        Whether the model with the effects predicts data that were not fitted.
     """
 
     model: Model

@@ -2,8 +2,8 @@
 
 A channel has one row a window, or two where it is complex: the x and y parts of the mean torque, the real and imaginary
 parts of an amplitude. The order of the rows, their drift, the lines of the error table and the words for a residual all
-follow from the declarations in `CHANNELS`. What predicts a row, what measures it and how noisy it is, is the physics of
-its `quantity` in `balance.rows` and `fitting.variance`; a channel of a quantity that is there is declared here alone.
+follow from the declarations in `CHANNELS`. Prediction, measurement and noise of a row are the physics of its
+`quantity` in `balance.rows` and `fitting.variance`; a channel of an existing quantity is declared here alone.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Channel:
     unit : str
         ``N·m``, ``V`` or ``rad``.
     group : Group
-        When it is looked at.
+        When it is evaluated.
     quantity : Quantity
         Its quantity.
     order : int
@@ -49,9 +49,9 @@ class Channel:
     by_axis : bool
         Whether the error table lists its rows separately.
     subject : str
-        The channel in a sentence, as what is beyond the model.
+        The channel in a sentence about the part beyond the model.
     measured : str
-        The channel in a sentence, as what was measured.
+        The channel in a sentence about the measurement.
     patterns : tuple of str
         Ways to depend on the motion that are tried on its residual, see `residuals.growth.pattern`.
     """

@@ -1,4 +1,4 @@
-"""Every statistical threshold of the analysis: its value, unit, reason, and what breaks when it moves.
+"""Every statistical threshold of the analysis: its value, unit, reason, and the consequences of a change.
 
 A gain is a decrease of chi-squared, or of minus twice the log likelihood [1]. Numerical constants (grids, steps, limits
 of iterations) stand in the module that uses them.
@@ -56,7 +56,7 @@ EXPONENT_CLOSE: Final = 0.05
 
 # --- events and shapes of drifts ---
 
-#: Gain of an event beyond what chance brings somewhere among all times. Lower invents events in quiet recordings,
+#: Gain of an event beyond the largest one by chance among all times. Lower invents events in quiet recordings,
 #: higher lets real ones pass for effects.
 EVENT_GAIN: Final = 12.0
 #: Gain by which a quantity, kind or time must be better than a simpler one.
@@ -93,14 +93,14 @@ DRIFT_ENLARGED: Final = 1.05
 SCATTER_EXCESS: Final = 2.0
 SCATTER_WINDOWS: Final = 8
 
-# --- proof on what was not fitted ---
+# --- proof on unseen data ---
 
 #: Standard deviations of chi-squared that chance explains (one case in 700). Lower fails complete models, higher proves
 #: incomplete ones.
 CHI2_RANGE: Final = 3.0
 #: Standard error of the variance of the noise [1], all rows alike: the reduction measures deviations to 1.5 %.
 NOISE_ERROR: Final = 0.03
-#: Gain on what was not seen that shows that a finding predicts something (3 standard deviations).
+#: Gain on unseen data that shows that a finding predicts something (3 standard deviations).
 PREDICTING_GAIN: Final = 9.0
 #: Variance of a prediction, in noise variances, from which on agreement proves little.
 VAGUE_PREDICTION: Final = 0.5
@@ -145,8 +145,8 @@ CALIBRATION_CHI2: Final = 2.0
 SIGNIFICANT: Final = 0.01
 #: Factor by which noise may be larger than stated before a residual is called more than noise.
 NOISE_TRUST: Final = 1.3
-#: Share of the sum of squares from which on a variable is named; or share of what is neither constant nor in proportion
-#: to the tilt. Lower names what nobody would see in the map.
+#: Share of the sum of squares from which on a variable is named; or share of the part that is neither constant nor in
+#: proportion to the tilt. Lower names variables that nobody would see in the map.
 DEPENDENCE_SHARE: Final = 0.05
 DEPENDENCE_SHARE_LEFT: Final = 0.5
 #: Share of the sum of squares from which on a residual is mostly constant or in proportion to the tilt.
@@ -182,7 +182,7 @@ ANGLE_FLOOR: Final = 1.0e-6
 #: Floor of the variance of the amplitude of a voltage [V²].
 VOLTAGE_FLOOR: Final = 1.0e-14
 #: Difference between the response of a filter and that of a delay and a pole that are as late, at a phase of one
-#: radian; it goes with the cube of the phase. A Butterworth filter of two poles differs from a delay by 0.17.
+#: radian; it grows with the cube of the phase. A Butterworth filter of two poles differs from a delay by 0.17.
 FILTER_SHAPE: Final = 0.1
 #: Range of the scale of a drift: one smaller than stated is not accepted, as few windows may show little by chance.
 DRIFT_SCALE_BOUNDS: Final = (1.0, 8.0)
@@ -226,7 +226,7 @@ NEARLY_ALL: Final = 0.9
 HUM_CHANCE: Final = 1.0e-7
 #: Factor by which the level at a line may exceed the level around it.
 HUM_LEVEL: Final = 1.15
-#: Standard errors from which on a hum counts, and by which a reading must differ from what is stated; of jitter that
+#: Standard errors from which on a hum counts, and by which a reading must differ from its statement; of jitter that
 #: only the noise of the angle shows. Millions of samples make small errors of the method significant before that.
 CLEAR_HUM: Final = 5.0
 CLEAR_READING: Final = 5.0

@@ -127,7 +127,7 @@ def restored(after: Mapping[str, Any], undo: Any, where: str) -> dict[str, Any]:
         isinstance(own, Mapping) and all(isinstance(own.get(part) or {}, kind) for part in PARTS)
         for own, kind in ((back, Mapping), (order, Mapping | list))
     ):
-        raise InputError(f"{where}: is not what a change keeps; cannot be undone")
+        raise InputError(f"{where}: is no record of a change; cannot be undone")
     found = {}
     for part in PARTS:
         merged = _merged(after[part], back.get(part) or {})
@@ -172,7 +172,7 @@ def _or_none(value: Any) -> Any:
 
 
 class Estimate(Section):
-    """A value with its standard error; what is allowed for the value depends on the parameter or coefficient."""
+    """A value with its standard error; the range of the value depends on the parameter or coefficient."""
 
     value: Any
     standard_error: Annotated[Number, Field(ge=0.0)] = 0.0
@@ -258,7 +258,7 @@ class Model:
     effect_errors : dict
         {effect: {coefficient: standard error}}.
     history : tuple of dict
-        Every change: time, what, recordings, errors before and after; and what is needed to undo it.
+        Every change: time, description, recordings, errors before and after; and the data to undo it.
     origin : str
         File it was read from.
     declared : dict of str to Effect

@@ -71,7 +71,7 @@ def case_of(
     """Return a case of the flow computation, in the units of the command line: degrees, rpm, °C, hPa.
 
     `direction` turns the axis of the tilt from x towards y. Without a turbulence model that of the mesh is used. The
-    torque is averaged over the `window` last iterations; after `iterations` the solver goes on until the torque has
+    torque is averaged over the `window` last iterations; after `iterations` the solver continues until the torque has
     settled, at most to `settle`.
     """
     options = {}

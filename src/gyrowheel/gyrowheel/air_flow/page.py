@@ -191,8 +191,8 @@ def check_page(table: TorqueTable, checks: Sequence[Check]) -> Iterator[Renderab
     yield Text(f"\n{held} of {len(checks)} hold\n")
     yield from sentences(
         [
-            "bar: where the limits come from. They are what was found, within its uncertainty for sizes, twice of it "
-            "for other numbers, three times where every row has one.",
+            "bar: origin of the limits: the values found, within their uncertainty for sizes, twice of it for other "
+            "numbers, three times of it for numbers of every row.",
             "paper: Huo et al. 2016.",
         ]
     )

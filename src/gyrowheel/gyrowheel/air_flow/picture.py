@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import (
@@ -31,10 +33,6 @@ from gyrowheel_air.surrogate import get_model
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_air.torque import density_change, reynolds_number
 from gyrowheel_core.units import DEG, RPM
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _DOTS = 110  # per inch

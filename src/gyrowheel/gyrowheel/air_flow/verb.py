@@ -252,10 +252,7 @@ def table(
         Path | None, option("-o --output FILE", "Write the table (JSON, SI units)."), TORQUE_TABLE
     ] = None,
     check: Annotated[
-        bool,
-        option(
-            "--check", "Check the table against what was found of the flow; exit with 1 if a line misses."
-        ),
+        bool, option("--check", "Check the table against known results; exit with 1 if a line misses.")
     ] = False,
     json: Json = None,
 ) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.console import RenderableType
 
 from gyrowheel.blind_tests.judge import OpenedKey, Quantity
 from gyrowheel.blind_tests.page import key_page
@@ -16,13 +18,10 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import read_key
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
 
 @dataclass(frozen=True, repr=False)
 class Key(Result, OpenedKey):
-    """Outcome of `gyrowheel.open_key`; the fields are those of `gyrowheel.blind_tests.key.OpenedKey`."""
+    """Outcome of `gyrowheel.open_key`; the fields are those of `gyrowheel.blind_tests.judge.OpenedKey`."""
 
     def headline(self) -> str:
         """Return the hidden effects or, with a model, the comparison."""

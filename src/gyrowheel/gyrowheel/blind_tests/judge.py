@@ -259,7 +259,7 @@ class OpenedKey:
         """Comparison of the model's effects with the hidden ones; None without a model.
 
         ``right``: the same effects, coefficients within three standard errors; ``inaccurate``: the same effects, a
-        coefficient further off; ``described``: a formula stands for an effect outside the library; ``incomplete``:
+        coefficient further off; ``described``: a formula describes an effect outside the library; ``incomplete``:
         hidden effects are missing, and no other is there; ``wrong``: an effect that was not hidden.
         """
         return None if self.judged is None else _NAMES[self.judged]
@@ -291,7 +291,7 @@ class OpenedKey:
         return f"Right: the model has {listed(hidden, 'and')}, within {TOLERANCE:.0f} standard errors."
 
     def _formulas(self) -> list[str]:
-        """Return the user-defined formulas of the model, if they alone stand for effects outside the library."""
+        """Return the user-defined formulas of the model, if they alone describe the effects outside the library."""
         if self.model is None:
             return []
         extra = [name for name in self.model.effects if name not in self.hidden.effects]

@@ -62,13 +62,6 @@ def _row(q: Quantity) -> tuple[str, str, str, str]:
 def truth_table(truth: EffectValues, diagnosis: Diagnosis) -> RenderableType:
     """Return a table of hidden and found coefficients, and their distance in standard errors."""
     table = words_table("", "", "hidden", "found", "distance", whole=(0, 1, 2, 4))
-    for row in truth_rows(truth, diagnosis):
-        table.add_row(*row)
-    return table
-
-
-def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str, str, str, str, str]]:
-    """Yield rows of effect, coefficient, hidden value, found value, and their distance in standard errors."""
     found = {finding.name: finding.coefficients for finding in diagnosis.effects}
     limits = {(limit.effect, limit.coefficient): limit for limit in diagnosis.limits}
     for name in dict.fromkeys([*truth, *found]):
@@ -79,7 +72,7 @@ def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str,
             pure = is_pure(name, key)
             hidden = truth.get(name, {}).get(key)
             estimate = estimates.get(key)
-            yield (
+            table.add_row(
                 first,
                 key,
                 "–" if hidden is None else quantity(hidden, units.get(key, "1"), pure=pure, digits=4),
@@ -87,6 +80,7 @@ def truth_rows(truth: EffectValues, diagnosis: Diagnosis) -> Iterator[tuple[str,
                 _apart(hidden, estimate),
             )
             first = ""
+    return table
 
 
 def _units(name: str) -> Mapping[str, str]:

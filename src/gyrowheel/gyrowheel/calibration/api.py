@@ -28,7 +28,7 @@ class Calibration(Result, facts.Calibration):
     Attributes
     ----------
     setup : tuple of WrongSetup
-        Columns that cannot be what they are called; then nothing else here is worth anything.
+        Columns that cannot be what they are called; if there are any, all other results are meaningless.
     """
 
     setup: tuple[WrongSetup, ...] = ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.table import Table
@@ -11,11 +10,9 @@ from rich.text import Text
 
 from gyrowheel.show.layout import figures_table, heading, indented, sentences
 from gyrowheel.show.sentences.proof import calibration_notes
+from gyrowheel_analysis.calibrate import Calibration
 from gyrowheel_core.quantities import decimal, pair, short
 from gyrowheel_core.units import unit_for
-
-if TYPE_CHECKING:
-    from gyrowheel_analysis.calibrate import Calibration
 
 _FAR = 3.0  # stated uncertainties
 

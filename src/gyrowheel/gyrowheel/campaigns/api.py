@@ -7,9 +7,10 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from pydantic import TypeAdapter, ValidationError
+from rich.console import RenderableType
 
 from gyrowheel.campaigns.cases import Campaign, Case, CaseKind
 from gyrowheel.campaigns.cases import cases as all_cases
@@ -25,9 +26,6 @@ from gyrowheel_core.files import disk_errors
 from gyrowheel_core.journal import Journal, Work, begun, journal
 from gyrowheel_core.locks import alone_in
 from gyrowheel_sim.bench import Bench
-
-if TYPE_CHECKING:
-    from rich.console import RenderableType
 
 KIND = "campaign"
 
@@ -136,7 +134,7 @@ def campaign(
         If a name is unknown, a value is out of range, a folder cannot be written, or there is nothing to resume.
     """
     if resume and folder is None:
-        raise InputError("resume: needs the folder of the campaign to go on with")
+        raise InputError("resume: needs the folder of the campaign")
     chosen_bench = bench if isinstance(bench, Bench) else Bench.load(bench)
     chosen, unused = plan_for(plan, chosen_bench), plan_for(validation_plan, chosen_bench)
     settings = Campaign(
@@ -244,7 +242,7 @@ def _kept(
         return
     with journal(Path(folder), _work(campaign, count, only), resume=resume) as kept:
         scratch = kept.folder.absolute() / "scratch"
-        shutil.rmtree(scratch, ignore_errors=True)  # what a kill has left
+        shutil.rmtree(scratch, ignore_errors=True)  # left by a kill
         try:
             with disk_errors(scratch):
                 scratch.mkdir()

@@ -336,7 +336,7 @@ def _scaled(
     An effect that the recording does not show keeps the drawn size. With `capped` no amplitude exceeds a multiple of
     the largest usual size; none exceeds its bounds, and their sum not the largest possible one.
     """
-    # all amplitudes together, beyond which the effect is none: the Earth does not turn faster
+    # largest possible size of all amplitudes together: the Earth does not turn faster
     most_together = math.inf if effect.greatest is None else effect.greatest
     together = math.hypot(*(values[c.name] for c in effect.amplitudes))
     now = size(values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from markupsafe import Markup
 from rich.console import RenderableType
@@ -12,15 +12,11 @@ from rich.table import Table
 from rich.text import Text
 
 from gyrowheel.blind_tests.judge import OUTCOMES
-from gyrowheel.campaigns.judge import DATED, DETECTABLE
+from gyrowheel.campaigns.judge import DATED, DETECTABLE, Judged
 from gyrowheel.campaigns.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, Summary, covered
 from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet
 from gyrowheel.show.layout import figures_table, heading, indented, sentences, words_table
 from gyrowheel_core.quantities import fixed, seconds
-
-if TYPE_CHECKING:
-    from gyrowheel.campaigns.judge import Judged
-    from gyrowheel.campaigns.summary import Summary
 
 #: Kinds of cases in words.
 KINDS = {

@@ -49,10 +49,7 @@ _STEEP_WINDAGE = Effect(
     category="other",
     sentence="A fan on the shaft brakes the spin with more than the square of the speed.",
     laws=(Law("axial_torque", -_w * _r**_n * _d),),
-    coefficients=(
-        Coefficient("w", "N*m", "size", (5e-4, 3e-3), (-0.5, 0.5), "assumed"),
-        _exponent(2.4, 3.0),
-    ),
+    coefficients=(Coefficient("w", "N*m", "size", (5e-4, 3e-3), (-0.5, 0.5), "assumed"), _exponent(2.4, 3.0)),
     validity="blind tests",
     source="assumed",
 )

@@ -144,7 +144,7 @@ def own_effect(
     ----------
     formula : str
         Law such as ``-k*r^2*z``, in the syntax of docs/formulas.md. It may begin with a name and a colon. Units of
-        the coefficients follow from the law, or stand in the text.
+        the coefficients follow from the law, or are given in the text.
     name : str, optional
         Name of the effect; that of the formula, if it has one, must be the same. ``own`` by default.
     target : str, optional
@@ -183,7 +183,7 @@ class PlanCheck(Result, CheckedPlan):
         return f"{self.file}: {many}, bench {self.bench}"
 
     def page(self) -> Iterable[RenderableType]:
-        """Return all that is wrong with the plan file, or what it will do."""
+        """Return all errors of the plan file, or its content and demands."""
         from gyrowheel.catalogue.page import check_page
 
         return check_page(self)
@@ -205,7 +205,7 @@ class PlanCheck(Result, CheckedPlan):
 
 
 def check_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> PlanCheck:
-    """Check a plan file: return all that is wrong with it, or what it will do.
+    """Check a plan file: return all its errors, or its content and its demands on the bench.
 
     Parameters
     ----------

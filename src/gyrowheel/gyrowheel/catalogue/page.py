@@ -246,7 +246,7 @@ def reach_page(found: Reach) -> Iterator[RenderableType]:
     from gyrowheel_control.plans.demands import COIL_SHARE, SUPPLY_SHARE
 
     v = found.bench.value
-    yield heading("What it can reach")
+    yield heading("Capability")
     table = figures_table(
         "rpm", "momentum\nN·m·s", "tilt rate\nup to deg/s", f"hold {short(v('tilt_limit') / DEG)} deg\nV",
         "motor\nV", "acceleration\nup to rpm/s", "nutation\nHz",
@@ -267,7 +267,7 @@ def reach_page(found: Reach) -> Iterator[RenderableType]:
         f"{100 * SUPPLY_SHARE:.0f} % of the {short(v('supply_voltage'))} V of the supply. With the air of usual size.",
         style="dim",
     )
-    yield heading("Why not more")
+    yield heading("Limits")
     yield from sentences(reach_sentences(found))
 
 

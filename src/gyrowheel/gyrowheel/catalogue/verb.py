@@ -41,7 +41,7 @@ def plans(
     ] = None,
     new: Annotated[Path | None, option("--new FILE", "Write a plan file to begin with.")] = None,
     check: Annotated[
-        Path | None, option("--check FILE", "Show all errors of a plan file, or what it will do.")
+        Path | None, option("--check FILE", "Show all errors of a plan file, or its content and demands.")
     ] = None,
     schema: Annotated[
         bool, option("--schema", "Write the JSON schema of plan files, for editors, to stdout.")

@@ -1,1 +1,1 @@
-"""The command line: the application, and what the verbs share."""
+"""The command line: the application, and the shared parts of the verbs."""

@@ -117,7 +117,7 @@ Validation: TypeAlias = Annotated[
 Averages: TypeAlias = Annotated[
     bool,
     option(
-        "--averages", "Use averages over revolutions alone, as where filters hide what happens within one."
+        "--averages", "Use averages over revolutions only, for example where filters suppress faster signals."
     ),
 ]
 RecordingMade: TypeAlias = Annotated[Path, option("-o --output DIR", "Recording to create."), NewRecording()]

@@ -18,10 +18,9 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from gyrowheel.show.files import is_exported_map, is_exported_table, require_writable
+from gyrowheel.show.files import bag_head, is_exported_map, is_exported_table, require_writable
 from gyrowheel_core.errors import InputError
 
-_METADATA = "metadata.yaml"
 _BAGS = ("*.mcap", "*.db3")
 _LONGEST = 50_000_000  # characters of a JSON file that this program may have written
 _TORQUE_TABLE = {"schema", "rows"}  # the fields of its file
@@ -100,7 +99,7 @@ def _check(option: str, path: Path, output: Output) -> None:
         allowed = ", ".join(output.suffixes)
         raise InputError(f"{option}: {path}: the ending '{path.suffix}' is not known; allowed: {allowed}")
     for folder in path.resolve().parents:
-        if _is_bag(folder):
+        if bag_head(folder) is not None:
             raise InputError(f"{option}: {path} lies in the recording {folder}; name a file elsewhere")
     if path.exists() and not (path.is_file() and (_is_empty(path) or _is_earlier(path, output))):
         raise InputError(f"{option}: {path} exists and is not {output.what}; name a new file")
@@ -135,18 +134,7 @@ def _option(marks: tuple[Any, ...], name: str) -> str:
 
 
 def _holds_a_bag(folder: Path) -> bool:
-    return folder.is_dir() and (_is_bag(folder) or any(any(folder.glob(name)) for name in _BAGS))
-
-
-def _is_bag(folder: Path) -> bool:
-    file = folder / _METADATA
-    try:
-        if not file.is_file():  # opening a pipe, which any user may put into a shared folder, would block
-            return False
-        with file.open(encoding="utf-8", errors="replace") as stream:
-            return "rosbag2_bagfile_information" in stream.read(4096)
-    except OSError:
-        return False
+    return folder.is_dir() and (bag_head(folder) is not None or any(any(folder.glob(name)) for name in _BAGS))
 
 
 def _is_empty(path: Path) -> bool:

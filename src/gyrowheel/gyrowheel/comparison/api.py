@@ -30,7 +30,7 @@ class Comparison(Result, facts.Comparison):
     Attributes
     ----------
     setup : tuple of WrongSetup
-        Columns that cannot be what they are called; then nothing else here is worth anything.
+        Columns that cannot be what they are called; if there are any, all other results are meaningless.
     """
 
     setup: tuple[WrongSetup, ...] = ()
@@ -94,8 +94,8 @@ def compare(
 ) -> Comparison:
     """Compare a model with recordings: how large the error is, and where it sits.
 
-    The bench's uncertain parameters are fitted within their stated uncertainties, so that what remains is what the
-    model cannot explain.
+    The uncertain bench parameters are fitted within their stated uncertainties; the model cannot explain the remaining
+    error.
 
     Parameters
     ----------

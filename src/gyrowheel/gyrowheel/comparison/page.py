@@ -88,15 +88,7 @@ def readings(found: Comparison | Diagnosis) -> Iterator[RenderableType]:
 def channel_table(result: Comparison) -> Table:
     """Return the metrics of every channel."""
     table = figures_table(
-        "",
-        "\nunit",
-        "RMS\n",
-        "noise\n",
-        "χ²/N\n",
-        "FIT\n%",
-        "Theil\n",
-        "bias var cov\n%  ",
-        "raw\n",
+        "", "\nunit", "RMS\n", "noise\n", "χ²/N\n", "FIT\n%", "Theil\n", "bias var cov\n%  ", "raw\n"
     )
     table.columns[0].no_wrap = True
     table.columns[1].justify = "left"
@@ -205,7 +197,7 @@ def _axis_title(variable: str) -> str:
 
 
 def span_text(variable: str, span: Span) -> str:
-    """Return where a cell lies, as people say it."""
+    """Return the position of a cell in readable units."""
     if math.isnan(span.low):
         return "upright"
     if variable == "azimuth":

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import DARK, FAINT, GROUND, SOFT, TICK, Picture, drawn
+from gyrowheel.show.figure import DARK, FAINT, GROUND, SOFT, TICK, Picture, drawn, title_size
 from gyrowheel.show.sentences.residuals import TITLES
 from gyrowheel_analysis.channels import CHANNELS, COILS
+from gyrowheel_analysis.compare import Comparison
 from gyrowheel_analysis.reduction.windows import speed_groups
 from gyrowheel_analysis.residuals.error_table import WindowResiduals
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
 from gyrowheel_core.quantities import number
 from gyrowheel_core.units import DEG, RPM, unit_for
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from gyrowheel_analysis.compare import Comparison
 
 _MOST_SPEEDS = 4
 _LONG, _SHORT = 0.55, 0.12  # of the largest tilt: the longest arrow, and that of noise
@@ -43,8 +40,7 @@ def figure_of_failure(result: Comparison) -> Figure:
     data = result.data
     title = f"Where the model fails: {', '.join(Path(name).name for name in result.recordings)}"
     figure = Picture(16.0, 10.0)
-    size = min(22.0, 22.0 * 88.0 / max(len(title), 1))
-    figure.text(0.045, 0.955, title, fontsize=size, fontweight="bold", va="center")
+    figure.text(0.045, 0.955, title, fontsize=title_size(title), fontweight="bold", va="center")
     figure.text(
         0.045,
         0.915,

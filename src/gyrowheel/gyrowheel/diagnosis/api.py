@@ -64,7 +64,7 @@ class Diagnosis(Result, facts.Diagnosis):
         return diagnosis_json(self)
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
-        """Return the findings as columns, one row for each coefficient; those of instruments in whole, as found."""
+        """Return the findings as columns, one row for each coefficient; those of instruments as total values."""
         items = [(f.name, f.delta_chi2, f.coefficients) for f in self.effects]
         items += [(f.name, f.delta_chi2, f.coefficients) for f in self.free_form]
         items += [
@@ -117,7 +117,7 @@ def diagnose(
     validate : Recording, path or list, optional
         Further recordings of the machine, which are only predicted: the error on them shows whether the finding holds.
     averages : bool
-        Use averages over whole revolutions alone, as where filters hide what happens within one.
+        Use averages over whole revolutions only, for example where filters suppress faster signals.
     mixed : bool
         Join recordings that state different machines.
     progress : callable, optional

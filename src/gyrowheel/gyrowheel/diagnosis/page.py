@@ -232,18 +232,14 @@ def diagnosing(
     directories: Sequence[Path], model: Path, validate: Sequence[Path] = (), *, averages: bool = False
 ) -> str:
     """Return the command that diagnoses recordings."""
-    unused = "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
-    return (
-        f"gyrowheel diagnose {_quoted(directories)} --model {shlex.quote(str(model))}{unused}"
-        f"{' --averages' if averages else ''}"
-    )
+    words = [*_words(directories), "--model", str(model), *_words(validate, "--validate")]
+    return shlex.join(["gyrowheel", "diagnose", *words, *(["--averages"] if averages else [])])
 
 
 def adding(what: Sequence[str], fit: Sequence[Path], validate: Sequence[Path], model: Path) -> str:
     """Return the command that adds effects to a model file; `what` has words as they are to be typed."""
-    options = "".join(f" --fit {shlex.quote(str(directory))}" for directory in fit)
-    options += "".join(f" --validate {shlex.quote(str(directory))}" for directory in validate)
-    return f"gyrowheel model add {' '.join(what)} --model {shlex.quote(str(model))}{options}"
+    options = ["--model", str(model), *_words(fit, "--fit"), *_words(validate, "--validate")]
+    return f"gyrowheel model add {' '.join(what)} {shlex.join(options)}"
 
 
 def following(
@@ -274,12 +270,9 @@ def following(
     new = shlex.quote(str(directories[0].with_name(plan)))
     other = "" if bench == "gyrowheel" or "--bench" in machine else f" --bench {shlex.quote(bench)}"
     other += f" {machine}" if machine else ""
-    return (
-        f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && "
-        f"gyrowheel diagnose {_quoted(directories)} {new} --model {shlex.quote(str(model))}"
-        f"{' --averages' if averages else ''}"
-    )
+    diagnosed = diagnosing([*directories, directories[0].with_name(plan)], model, averages=averages)
+    return f"gyrowheel up --plan {shlex.quote(plan)}{other} --record {new} && {diagnosed}"
 
 
-def _quoted(paths: Sequence[Path]) -> str:
-    return " ".join(shlex.quote(str(path)) for path in paths)
+def _words(paths: Sequence[Path], option: str = "") -> list[str]:
+    return [word for path in paths for word in (option, str(path)) if word]

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from gyrowheel.show.figure import BLUE, FAINT, INK, NOISE, SOFT, VERMILION, ZERO, Picture, drawn
+from gyrowheel_analysis.drag.estimate import Estimate
+from gyrowheel_analysis.drag.stream import DragTest
 from gyrowheel_core.units import DEG, RPM
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from gyrowheel_analysis.drag.estimate import Estimate
-    from gyrowheel_analysis.drag.stream import DragTest
 
 _ACTUATORS = (
     ("coil x", "notched_coil_voltage_x"),
@@ -103,7 +100,7 @@ def _increments(axes: Axes, result: DragTest, place: int, where: Any, *, air: bo
 
 
 def air_increments(result: DragTest, place: int) -> Any:
-    """Return what the air of the model has in the increments of voltage of an actuator (n,) [V]."""
+    """Return the share of the model's air in the voltage increments of an actuator (n,) [V]."""
     value = result.bench.value
     volts = 1.0 / value("coil_constant") if place < 2 else value("motor_resistance") / value("motor_constant")
     found = []
@@ -116,7 +113,7 @@ def air_increments(result: DragTest, place: int) -> Any:
 
 
 def tilts(estimates: Sequence[Estimate]) -> tuple[Any, str]:
-    """Return tilts in degrees and what they are: along the one line on which all lie, else magnitudes."""
+    """Return tilts in degrees and their title: along the line on which all lie, else magnitudes."""
     tilt = np.array([[e.tilt_x, e.tilt_y] for e in estimates])
     directions = np.linalg.svd(tilt)[2]
     if np.abs(tilt @ directions[1]).max() > _STRAIGHT:

@@ -1,4 +1,4 @@
-"""How a replay looks when it is over."""
+"""Result of a replay."""
 
 from __future__ import annotations
 

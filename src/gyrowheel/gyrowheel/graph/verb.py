@@ -62,7 +62,7 @@ def up(
         int | None, option("--domain N", "ROS domain, 0 .. 101.", "ROS_DOMAIN_ID, or 0")
     ] = None,
     namespace: Namespace = "",
-    logs: Annotated[bool, option("--logs", "Show what the nodes log.")] = False,
+    logs: Annotated[bool, option("--logs", "Show the logs of the nodes.")] = False,
     json: Json = None,
 ) -> None:
     """Run the bench as ROS nodes: plant, controller, conductor, drag estimator and recorder, a process each.
@@ -174,7 +174,7 @@ def replay(
         option("--model M.yaml", "Model that the estimator believes.", "a new one of the bench gyrowheel"),
     ] = None,
     namespace: Namespace = "",
-    logs: Annotated[bool, option("--logs", "Show what the nodes log.")] = False,
+    logs: Annotated[bool, option("--logs", "Show the logs of the nodes.")] = False,
     json: Json = None,
 ) -> None:
     """Publish a recorded run again over ROS, message by message.
@@ -191,7 +191,7 @@ def replay(
         ("--wait", wait, 0.0, 60.0),
         ("--readers", readers, 0, 100),
     ):
-        if value is not None and not low <= value <= high:  # refuses what is no number, too
+        if value is not None and not low <= value <= high:  # also refuses NaN
             raise InputError(f"{name}: {value:g} is out of range; allowed: {low:g} .. {high:g}")
     if model is not None and not estimate:
         raise InputError("--model: is for the estimator; add --estimate")
@@ -349,7 +349,7 @@ def run(
         run_executable(package, executable, context.args)
     known = executables()
     if package is not None and package not in known:
-        find_executable(package, "")  # says what is wrong
+        find_executable(package, "")  # raises the error
     for name in known if package is None else [package]:
         typer.echo(name)
         for own in known[name]:

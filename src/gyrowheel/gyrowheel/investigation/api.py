@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.investigation.page import end_sentence, investigation_page
 from gyrowheel.investigation.procedure import Course, Listener, Run, Step, pursue
+from gyrowheel.recordings.api import file_hashes
 from gyrowheel.recordings.inputs import Recordings, opened
 from gyrowheel.show.result import Result
 from gyrowheel.simulation.code_identity import code_identity
@@ -23,7 +23,6 @@ from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text, new_folder, read_text
 from gyrowheel_core.journal import Journal, Work, begun, journal
-from gyrowheel_recording.bags.selection import parted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -123,7 +122,7 @@ def investigate(
     thorough : bool
         Continue until every known effect would have shown at a usual size.
     averages : bool
-        Use averages over whole revolutions only, as where filters hide faster signals.
+        Use averages over whole revolutions only, for example where filters suppress faster signals.
     effects, machine, seed, blind
         The simulated machine; see `gyrowheel.simulate`.
     nodes : bool
@@ -152,7 +151,7 @@ def investigate(
         exceed the budget.
     """
     if resume and folder is None:
-        raise InputError("resume: needs the folder of the investigation to go on with")
+        raise InputError("resume: needs the folder of the investigation")
     bench = model.stated_bench
     at_hand = [recording.path for recording in opened(recordings)]
     named = plans if plans is not None else [] if at_hand else ["quick"]
@@ -257,13 +256,7 @@ def _near(path: str) -> str:
 
 def _digest_of(recording: Path) -> str:
     """Return a digest of the files of a recording."""
-    place, _ = parted(recording)
-    sums = []
-    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
-        if path.is_file():
-            with path.open("rb") as stream:
-                sums.append(f"{path.name} {hashlib.file_digest(stream, 'sha256').hexdigest()}")
-    return digest(*sums)
+    return digest(*(f"{Path(own['name']).name} {own['sha256']}" for own in file_hashes(recording)))
 
 
 def _once(run: Run, kept: Journal, key: Path | None) -> Run:

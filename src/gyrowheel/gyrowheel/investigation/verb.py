@@ -168,10 +168,7 @@ class _Teller:
 
 
 def _again(
-    recordings: Sequence[Path],
-    model: Path,
-    options: Mapping[str, object],
-    switches: Mapping[str, bool],
+    recordings: Sequence[Path], model: Path, options: Mapping[str, object], switches: Mapping[str, bool]
 ) -> str:
     """Return the command that continues from recordings, on the same machine."""
     words = ["gyrowheel", "investigate", *map(str, recordings), "--model", str(model)]
@@ -206,13 +203,7 @@ def _report(done: Investigation, recordings: Sequence[Path], model: Path, tour: 
 
 
 def _finish(
-    done: Investigation,
-    recordings: Sequence[Path],
-    model: Path,
-    tour: Tour,
-    *,
-    again: str,
-    thorough: bool,
+    done: Investigation, recordings: Sequence[Path], model: Path, tour: Tour, *, again: str, thorough: bool
 ) -> None:
     """Show the last diagnosis, the next command, and how the investigation ended."""
     from rich.text import Text

@@ -63,7 +63,7 @@ class Model(Shown):
 
     @property
     def details(self) -> Details:
-        """The model as the analysis package has it."""
+        """The model as the packages below have it."""
         return self._details
 
     @property
@@ -126,7 +126,7 @@ class Model(Shown):
         Parameters
         ----------
         what : Diagnosis, str, Effect or a sequence of these two
-            A diagnosis stands for all effects that it found. A name is that of an effect (`gyrowheel.effects`) or of
+            A diagnosis: all effects that it found. A name is that of an effect (`gyrowheel.effects`) or of
             the error of a bench parameter (``stiffness_error`` and the like); ``aero:MODEL`` stands for all
             effects of an air model. `gyrowheel.own_effect` makes an effect from a formula.
         fit : Recording, path or list

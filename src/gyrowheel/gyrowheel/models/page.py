@@ -91,8 +91,7 @@ def difference(old: Model, new: Model) -> Iterator[RenderableType]:
     if rest:
         more = "more parameters" if moved else "parameters"
         yield Text(
-            f"{rest} {more} of the bench refitted, by less than half their stated uncertainty",
-            style="dim",
+            f"{rest} {more} of the bench refitted, by less than half their stated uncertainty", style="dim"
         )
 
 

@@ -96,8 +96,7 @@ def add(
 
 @model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))
 def remove(
-    effects: Annotated[list[str], argument("EFFECT...", "Effects to remove.")],
-    model: ModelFile,
+    effects: Annotated[list[str], argument("EFFECT...", "Effects to remove.")], model: ModelFile
 ) -> None:
     """Remove effects; the other coefficients keep their values."""
     from gyrowheel import Model

@@ -50,7 +50,7 @@ class Momentum(Result, Envelope):
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``gyrowheel momentum --json``; SI units.
 
-        Lists over spin rates, over tilts, or over both: one azimuth stands for all.
+        Lists over spin rates, over tilts, or over both; the values hold for every azimuth.
         """
         return {
             "schema": 1,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
@@ -12,9 +11,7 @@ from rich.text import Text
 from gyrowheel.show.layout import figures_table, heading, indented
 from gyrowheel_core.quantities import fixed, short
 from gyrowheel_core.units import DEG, RPM, unit_for
-
-if TYPE_CHECKING:
-    from gyrowheel_sim.mechanics.momentum import Envelope
+from gyrowheel_sim.mechanics.momentum import Envelope
 
 _DIGITS = 4
 

@@ -1,13 +1,15 @@
 """Pictures of the momentum that a wheel can take, Figs 3 and 4 of Huo et al. 2016.
 
-The exact momentum of the rotor is drawn next to the approximation of the paper: the difference is what is neglected.
+The exact momentum of the rotor is drawn next to the approximation of the paper: the difference is neglected there.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, Picture, drawn
@@ -15,10 +17,6 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
 from gyrowheel_sim.mechanics.momentum import largest_errors, revolution, rotor_inertias, speeds_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -109,7 +107,7 @@ def body_figure(bench: Bench, speeds: Array | None = None) -> Figure:
     for side in (-limit, limit):
         ends = inertia * np.array([speeds[0], speeds[-1]])
         section.plot(ends * np.sin(side), ends * np.cos(side), color=_EXACT, linewidth=1.8)
-    # what the exact momentum does within a revolution: to and fro along the spin axis
+    # ripple of the exact momentum within a revolution, along the spin axis
     for angle in (-limit, -0.5 * limit, 0.5 * limit, limit):
         size = np.linalg.norm(
             k.held_momentum(_middle(speeds), abs(angle), 0.0, revolution(), rotor_inertias(bench)) / scale,

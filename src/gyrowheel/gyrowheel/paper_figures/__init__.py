@@ -1,1 +1,1 @@
-"""The published ground test, statement by statement: what the paper says, and what this project computes."""
+"""The published ground test: every statement of the paper, and the number that this project computes."""

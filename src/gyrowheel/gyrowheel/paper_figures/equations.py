@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import sympy as sp
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.paper_figures.curves import Curve, Panel, curves_figure
@@ -29,9 +30,6 @@ from gyrowheel_sim.mechanics import kinematics as k
 from gyrowheel_sim.mechanics.dynamics import generalised_forces, inertia_terms
 from gyrowheel_sim.mechanics.kinematics import joint_of_azimuth, tilt_of_joint
 from gyrowheel_sim.mechanics.momentum import revolution
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _SPHERE = 1e-3  # a mean momentum this near to the sphere, relative, lies on it
@@ -100,7 +98,7 @@ def _joint(e: Evidence) -> Finding:
     worst = 0.0
     for tilt in np.linspace(0.2, 1.0, 5) * limit:
         turn = revolution()
-        # a tilt that stands in the case turns backwards in the motor frame
+        # a tilt that is fixed in the case turns backwards in the motor frame
         phi_x, phi_y = tilt_of_joint(*joint_of_azimuth(tilt, 0.3 - turn), turn)
         found = np.tan(phi_x) + 1j * np.tan(phi_y)
         worst = max(worst, float(np.abs(found / (np.tan(tilt) * np.exp(0.3j)) - 1.0).max()))
@@ -246,7 +244,7 @@ def _half(e: Evidence) -> Finding:
             Curve("stiffness that V as printed gives", rpm, 1e3 * wrong, VERMILION, marker="s"),
         ]
         return curves_figure(
-            "What the coils hold at 3°, without air",
+            "Torque of the coils at 3°, without air",
             "along the tilt, on the bench as stated; zero where the flexures are tuned",
             [Panel("", "spin rate, rpm", "torque, mN·m", curves)],
         )
@@ -302,7 +300,7 @@ def _sign(e: Evidence) -> Finding:
     z = math.tan(TILT)
 
     def false(torque: complex) -> Array:
-        """Return what the wrong sign does to the torque on the shaft over a revolution [N m]."""
+        """Return the error of the torque on the shaft by the wrong sign, over a revolution [N m]."""
         case = np.array([torque.real, torque.imag, z * torque.imag])  # across the rotor's axis
         return np.asarray(-2.0 * np.sin(theta_x) * (to_rotor @ case)[:, 1])
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.calibration.api import calibrate
@@ -30,9 +31,6 @@ from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.effects import get
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _MILLI = 1e3
@@ -116,7 +114,7 @@ def _picture(title: str, panels: Sequence[Panel]) -> Figure:
 
 
 def _tilt_panel(e: Evidence, place: int, title: str) -> Panel:
-    # the first hold is the reference; the later ones at 0 deg are references of their own
+    # the first hold is the reference; later holds at 0 deg are further references
     every = e.holds(e.tilts, air=True)
     shown = [k for k, own in enumerate(every) if k == 0 or abs(own.tilt_x) > 0.1 * DEG]
     shown.sort(key=lambda k: every[k].tilt_x)
@@ -154,14 +152,14 @@ def _fig_14(e: Evidence) -> Finding:
 
 
 def _spring_error(e: Evidence) -> float:
-    """Return how well the torque of the springs along the tilt is known, by what the bench states [N m]."""
+    """Return the stated uncertainty of the torque of the springs along the tilt [N m]."""
     parameters = e.bench.parameters
     both = (parameters[f"flexure_stiffness_{axis}"].uncertainty for axis in "xy")
     return 0.5 * math.tan(TILT) * math.hypot(*both)
 
 
 def _gimbal_error(e: Evidence, spin_rate: float) -> float:
-    """Return how well the torque of the gimbal along the tilt is known, by what the bench states [N m]."""
+    """Return the stated uncertainty of the torque of the gimbal along the tilt [N m]."""
     relative = e.bench.parameters["gimbal_inertia_x"].relative_uncertainty
     return math.tan(TILT) * relative * 0.5 * e.bench.tuning_inertia * spin_rate**2
 
@@ -277,7 +275,7 @@ def _fig_16_cause(e: Evidence) -> Finding:
         ]
         curves.append(Curve("all", rpm, _MILLI * (whole - whole[0]).real, INK, line="--"))
         return curves_figure(
-            "What makes the change of the voltage in Fig. 16",
+            "Parts of the change of the voltage in Fig. 16",
             "torque of the coils along a tilt of 3°, change from 1000 rpm, on the bench as stated",
             [Panel("", "spin rate, rpm", "change of torque, mN·m", curves)],
         )

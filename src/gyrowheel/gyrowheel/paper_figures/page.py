@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import RenderableType
 from rich.text import Text
 
+from gyrowheel.paper_figures.evidence import JudgedPaper, Verdict
 from gyrowheel.show.html import Cells, embedded, environment, style_sheet
 from gyrowheel.show.layout import heading, indented, words_table
-
-if TYPE_CHECKING:
-    from gyrowheel.paper_figures.evidence import JudgedPaper, Verdict
 
 CITATION = (
     "Huo, X.; Feng, S.; Liu, K.; Wang, L.; Chen, W. Aerodynamic Drag Analysis of 3-DOF Flex-Gimbal GyroWheel System in "

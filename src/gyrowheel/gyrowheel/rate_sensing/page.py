@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel.show.layout import figures_table, heading, indented, sentences
+from gyrowheel_analysis.rate_sensor import Rates
 from gyrowheel_core.quantities import pair, short
 from gyrowheel_core.units import DEG
-
-if TYPE_CHECKING:
-    from gyrowheel_analysis.rate_sensor import Rates
 
 
 def rates_page(result: Rates) -> Iterator[RenderableType]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import shlex
 import shutil
 import tempfile
@@ -50,8 +51,8 @@ class Recording(Shown):
         Parameters
         ----------
         path : str or Path
-            A rosbag2 directory of any storage, or one of its files. ``@from=20,until=110`` behind it means that part
-            of it [s from its start]: what compares it with a model then looks for steady motion there alone.
+            A rosbag2 directory of any storage, or one of its files. A suffix ``@from=20,until=110`` selects a part
+            [s from its start]: only its steady motion is compared with models.
 
         Raises
         ------
@@ -84,7 +85,7 @@ class Recording(Shown):
 
     @property
     def data(self) -> Data:
-        """The recording as the analysis package has it."""
+        """The recording as the packages below have it."""
         if self._opened is None:
             self._opened = Data.open(self._path)
         return self._opened
@@ -236,7 +237,7 @@ def salvage(
     Returns
     -------
     Salvaged
-        What was salvaged and what is missing.
+        The salvaged and the missing parts.
 
     Raises
     ------
@@ -268,20 +269,20 @@ def correct(
     Parameters
     ----------
     recording : Recording or path
-        The recording, which stays as it is.
+        The recording; it is not changed.
     exchange : sequence of (str, str)
         Pairs of readings to exchange, before all else.
     scale, offset : mapping, optional
         Readings to multiply, then to increase [SI].
     shift : mapping, optional
-        Readings to move to later times [s]; samples for which nothing is left are dropped.
+        Readings to move to later times [s]; samples without a shifted reading are dropped.
     folder : str or Path, optional
         New directory to keep it in; a temporary one that is removed with the recording if not given.
 
     Raises
     ------
     InputError
-        If there is no such reading, a value is not allowed, nothing is to be done, or the folder cannot be written.
+        If a reading is unknown, a value is not allowed, there is nothing to correct, or the folder cannot be written.
     """
     from gyrowheel_core.files import new_directory, require_new
     from gyrowheel_recording.mislabelled import Fix
@@ -319,6 +320,19 @@ def explained_by(wrong: Sequence[WrongSetup]) -> Iterator[None]:
         raise InputError(setup_line(wrong)) from error
 
 
+def file_hashes(recording: Path) -> Iterator[dict[str, Any]]:
+    """Yield the files of a recording, or of the one of a part, with their sizes [bytes] and hashes."""
+    from gyrowheel_recording.bags import parted
+
+    place, _ = parted(recording)
+    files = [place] if place.is_file() else sorted(p for p in place.rglob("*") if p.is_file())
+    for file in files:
+        with file.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256")
+        name = file.name if file == place else str(file.relative_to(place))
+        yield {"name": name, "size": file.stat().st_size, "sha256": digest.hexdigest()}
+
+
 def note_machine(recording: Recording, options: Sequence[str]) -> None:
     """Write a note next to a recording: the options of the command line that define its simulated machine.
 
@@ -338,7 +352,7 @@ def noted_machine(recordings: Sequence[Recording]) -> str:
         try:
             note = "" if place is None else place.read_text(encoding="utf-8")[:_LONGEST].strip()
             if note and note.isprintable():
-                return shlex.join(shlex.split(note))  # whatever stands there is words, and no other command
+                return shlex.join(shlex.split(note))  # quoted: never another command
         except (OSError, ValueError):
             continue
     return ""

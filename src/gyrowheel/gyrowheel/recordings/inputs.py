@@ -1,22 +1,20 @@
-"""What may be given where recordings and models are expected."""
+"""Arguments of the API: recordings and callbacks."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from gyrowheel.recordings.api import Recording
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.bags import Recording as Data
 from gyrowheel_recording.bags import parted
-
-if TYPE_CHECKING:
-    from gyrowheel_recording.bags import Recording as Data
 
 #: One recording, or several of one machine; a path is opened.
 Recordings: TypeAlias = "Recording | str | os.PathLike[str] | Sequence[Recording | str | os.PathLike[str]]"
-#: Called now and then with a line about what is being done.
+#: Called now and then with a line about the current step.
 Say: TypeAlias = Callable[[str], None]
 #: Called now and then with the fraction that is done, 0 .. 1.
 Fraction: TypeAlias = Callable[[float], None]
@@ -61,7 +59,7 @@ def opened_apart(fitted: Recordings, unused: Recordings) -> tuple[list[Recording
 
 
 def data(recordings: Sequence[Recording]) -> list[Data]:
-    """Return what the analysis works on."""
+    """Return recordings as the packages below have them."""
     return [recording.data for recording in recordings]
 
 

@@ -1,29 +1,25 @@
-"""What a recording holds, and what could be salvaged of a broken one."""
+"""Content of a recording, and the result of salvaging one."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 
 from gyrowheel.show.layout import Unbroken, figures_table, heading, indented, sentences, words_table
 from gyrowheel_core.units import DEG, RPM
-from gyrowheel_recording.bags.metadata import surplus
-
-if TYPE_CHECKING:
-    from gyrowheel_recording.bags.info import RecordingInfo
-    from gyrowheel_recording.bags.metadata import Publisher
-    from gyrowheel_recording.bags.reader import Integrity
-    from gyrowheel_recording.bags.salvage import Loss, Salvaged
+from gyrowheel_recording.bags.info import RecordingInfo
+from gyrowheel_recording.bags.metadata import Publisher, surplus
+from gyrowheel_recording.bags.reader import Integrity
+from gyrowheel_recording.bags.salvage import Loss, Salvaged
 
 _MOST_GAPS = 5
 _MOST_LOSSES = 8
 
 
 def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
-    """Yield what a recording holds."""
+    """Yield the content of a recording."""
     yield Unbroken.assemble((found.path, "bold cyan"), f"  {found.size / 1e6:.1f} MB")
     facts = words_table("", "")
     facts.add_row("bench", found.bench or "not stated")
@@ -53,7 +49,7 @@ def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
 
 
 def salvage_page(found: Salvaged) -> Iterator[RenderableType]:
-    """Yield what was salvaged of a recording, and what was lost."""
+    """Yield the salvaged and the lost parts of a recording."""
     yield Unbroken.assemble((found.target, "bold cyan"), f"  from {found.source}")
     count = sum(found.messages.values())
     whole = "; nothing was missing" if found.complete else ""
@@ -77,7 +73,7 @@ def salvage_page(found: Salvaged) -> Iterator[RenderableType]:
 
 
 def integrity_text(found: Integrity, whole: str = "") -> str:
-    """Return what is wrong with the samples of a recording; `whole`, or ``complete``, where nothing is."""
+    """Return the faults of the samples of a recording; `whole`, or ``complete``, without faults."""
     counts = {
         "missing": found.missing,
         "duplicate": found.duplicates,

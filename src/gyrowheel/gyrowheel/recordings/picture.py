@@ -1,20 +1,17 @@
-"""One picture of a recording: what was measured over time."""
+"""Picture of a recording: the measured signals over time."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import BLUE, FAINT, PANELS, SOFT, VERMILION, Picture, drawn
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.bags import Recording
 
 _MOST_POINTS = 4000  # of a line; more do not show
 _LINES = (BLUE, VERMILION)

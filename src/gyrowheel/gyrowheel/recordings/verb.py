@@ -11,10 +11,7 @@ from gyrowheel.cli.options import Json, RecordingMade, argument, option
 from gyrowheel_core.errors import InputError
 
 
-def info(
-    directory: Annotated[Path, argument("DIR", "Recording.")],
-    json: Json = None,
-) -> None:
+def info(directory: Annotated[Path, argument("DIR", "Recording.")], json: Json = None) -> None:
     """Show what a recording contains, and whether samples are missing."""
     from gyrowheel import Recording
 
@@ -32,7 +29,7 @@ def salvage(
     ] = False,
     json: Json = None,
 ) -> None:
-    """Make a complete recording from the readable part of a damaged one (MCAP), and report what is missing."""
+    """Make a complete recording from the readable part of a damaged one (MCAP), and report the missing part."""
     from dataclasses import asdict
 
     from gyrowheel import salvage as save

@@ -77,13 +77,7 @@ class Report(ReportContent):
             unused,
             commands=[diagnosing(paths, file, held, averages=averages)],
             next_command=following(
-                found,
-                paths,
-                held,
-                file,
-                model.bench_source,
-                averages=averages,
-                machine=noted_machine(fitted),
+                found, paths, held, file, model.bench_source, averages=averages, machine=noted_machine(fitted)
             ),
             mixed=mixed,
             progress=progress,

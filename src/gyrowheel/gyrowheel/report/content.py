@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.investigation.page import end_sentence
-from gyrowheel_recording.bags import parted
+from gyrowheel.recordings.api import file_hashes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,7 +100,7 @@ class ReportContent:
                 {
                     "role": "fitted" if recording in self.fitted else "not used to fit",
                     "info": recording.to_dict(),
-                    "files": list(_hashes(recording.path)),
+                    "files": list(file_hashes(recording.path)),
                 }
                 for recording in self.recordings
             ],
@@ -121,7 +118,7 @@ class ReportContent:
 
     @staticmethod
     def _steps(done: Investigation) -> dict[str, Any]:
-        """Return the JSON of an investigation without its diagnosis, which is a field of its own."""
+        """Return the JSON of an investigation without its diagnosis, which is another field."""
         return {name: value for name, value in done.to_dict().items() if name != "diagnosis"}
 
     def to_dict(self) -> dict[str, Any]:
@@ -144,14 +141,3 @@ class ReportContent:
         subtitle = "   ".join(f"{f.name}: {coefficients_line(f)}" for f in self.diagnosis.effects)
         added = self.addition
         return error_figure(added.residuals, added.error, title=self.title.rstrip("."), subtitle=subtitle)
-
-
-def _hashes(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the files of a recording with their sizes [bytes] and hashes."""
-    place, _ = parted(path)
-    files = [place] if place.is_file() else sorted(p for p in place.rglob("*") if p.is_file())
-    for file in files:
-        with file.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256")
-        name = file.name if file == place else str(file.relative_to(place))
-        yield {"name": name, "size": file.stat().st_size, "sha256": digest.hexdigest()}

@@ -179,10 +179,7 @@ def markdown_page(report: ReportContent) -> str:
     lines += ["## Result\n", block(plain_text(report.diagnosis.page(), _WIDTH).strip("\n"))]
     if report.addition is not None:
         lines += ["## Added\n", block(plain_text(report.addition.page(), _WIDTH).strip("\n"))]
-    lines += [
-        "## Model\n",
-        block(plain_text(report.latest.page(), _WIDTH)),
-    ]
+    lines += ["## Model\n", block(plain_text(report.latest.page(), _WIDTH))]
     lines += [block(plain_text(bench_page(report.latest.stated_bench), _WIDTH))]
     lines += ["## Recordings\n", "| recording | use | file | bytes | sha256 |", "|---|---|---|---|---|"]
     for recording, own in zip(report.recordings, content["recordings"], strict=True):

@@ -5,24 +5,30 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import AFTER, BEFORE, FAINT, INK, NOISE, SHADE, SOFT, TICK, ZERO, Picture, drawn
+from gyrowheel.show.figure import (
+    AFTER,
+    BEFORE,
+    FAINT,
+    INK,
+    NOISE,
+    SHADE,
+    SOFT,
+    TICK,
+    ZERO,
+    Picture,
+    drawn,
+    title_size,
+)  # fmt: skip
 from gyrowheel_analysis.channels import LISTED, TORQUES
-from gyrowheel_analysis.residuals.error_table import (
-    ErrorRow,
-    ErrorTable,
-    Residuals,
-)
+from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
 from gyrowheel_core.quantities import number
 from gyrowheel_core.units import RPM
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -44,7 +50,7 @@ def error_figure(
 ) -> Figure:
     """Draw the error before and after a change, 1600 by 1000 dots; the title is the result in words."""
     figure = Picture(16.0, 10.0)
-    figure.text(0.045, 0.955, title, fontsize=_title_size(title), fontweight="bold", va="center")
+    figure.text(0.045, 0.955, title, fontsize=title_size(title), fontweight="bold", va="center")
     if subtitle:
         figure.text(0.045, 0.913, subtitle, fontsize=13, color=TICK, va="center")
     roles = [role for role in _ROLES if any(r.role == role for r in residuals)]
@@ -281,11 +287,6 @@ def _legend(figure: Figure, *, changed: bool) -> None:
         frameon=False,
         columnspacing=1.6,
     )
-
-
-def _title_size(title: str) -> float:
-    """Return the size of letters in which a title fits the width."""
-    return min(22.0, 22.0 * 88.0 / max(len(title), 1))
 
 
 def _short(value: float) -> str:

@@ -81,7 +81,7 @@ def style(
     """Return a context in which matplotlib draws in the style of the project; outside nothing is changed.
 
     `size` is that of the letters [points], `title` that of the titles of panels, one more if not given. With `framed`
-    panels have a frame all round, not at the left and below alone.
+    panels have a frame on all sides, not only left and below.
     """
     settings: Any = {  # typed by matplotlib key by key
         "font.family": "sans-serif",
@@ -146,6 +146,11 @@ def headline(figure: Figure, title: str, text: str) -> None:
     height = figure.get_figheight()
     figure.text(0.012, 1.0 - 0.32 / height, title, fontsize=15, fontweight="bold", va="center")
     figure.text(0.012, 1.0 - 0.64 / height, text, fontsize=10, color=TICK, va="center")
+
+
+def title_size(title: str) -> float:
+    """Return the size of letters in which a title fits a figure 16 inches wide."""
+    return min(22.0, 22.0 * 88.0 / max(len(title), 1))
 
 
 def shared_legend(figure: Figure, axes: Any, **settings: Any) -> None:

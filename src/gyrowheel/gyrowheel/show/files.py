@@ -8,6 +8,7 @@ from gyrowheel_core.files import disk_errors, json_text, new_folder, require_new
 from gyrowheel_core.locks import changing
 
 __all__ = [
+    "bag_head",
     "changing",
     "disk_errors",
     "is_exported_map",
@@ -18,6 +19,23 @@ __all__ = [
     "require_writable",
     "write_text",
 ]
+
+_METADATA = "metadata.yaml"
+_HEAD = 4096  # characters of it that are looked at
+_MARK = "rosbag2_bagfile_information"
+
+
+def bag_head(folder: Path) -> str | None:
+    """Return the beginning of the metadata of a recording; None for any other folder."""
+    file = folder / _METADATA
+    try:
+        if not file.is_file():  # opening a pipe, which any user may put into a shared folder, would block
+            return None
+        with file.open(encoding="utf-8", errors="replace") as stream:
+            head = stream.read(_HEAD)
+    except OSError:
+        return None
+    return head if _MARK in head else None
 
 
 def is_exported_table(file: Path) -> bool:

@@ -1,4 +1,4 @@
-"""How everything on the terminal looks: headings, tables, lists and the next command."""
+"""Layout of the pages on the terminal: headings, tables, lists and commands."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def indented(part: RenderableType) -> Padding:
 
 
 def sentences(texts: Iterable[str]) -> list[Padding]:
-    """Return sentences as a list with dots; a long one goes on under its own beginning."""
+    """Return sentences as a bulleted list with hanging indents."""
     rows = []
     for text in texts:
         row = Table.grid(padding=(0, 1, 0, 0))
@@ -92,12 +92,7 @@ def plain_text(parts: Iterable[RenderableType], width: int = 80) -> str:
     stream = io.StringIO()
     # in a notebook, or where colours are asked for, rich would take the stream for more than a text
     plain = Console(
-        file=stream,
-        width=width,
-        markup=False,
-        force_jupyter=False,
-        force_terminal=False,
-        color_system=None,
+        file=stream, width=width, markup=False, force_jupyter=False, force_terminal=False, color_system=None
     )
     show(plain, parts)
     return "\n".join(line.rstrip() for line in stream.getvalue().strip("\n").splitlines()).rstrip()
@@ -194,7 +189,7 @@ class UncutTable(Table):
         return len(self.columns) == 2 and column == 1 and self._natural_widths()[0] <= _KEY
 
     def _blocks(self, widths: dict[int, int], room: int) -> Iterator[dict[int, int]]:
-        """Yield the columns of tables that stand one below the other, each with the first column."""
+        """Yield the columns of successive tables, each with the first column."""
         first, *rest = widths
         block = {first: widths[first]}
         for i in rest:
@@ -205,7 +200,7 @@ class UncutTable(Table):
         yield block
 
     def _rows(self, widths: dict[int, int], gap: int, dropped: list[int]) -> Iterator[RenderableType]:
-        """Yield the rows of some columns, with too wide cells, and all of `dropped`, in lines of their own below."""
+        """Yield the rows of some columns; too wide cells, and all of `dropped`, are in separate lines below."""
         columns = {i: self._cells(i) for i in [*widths, *dropped]}
         waiting: list[int] = []
         begun = False
@@ -241,14 +236,14 @@ class UncutTable(Table):
             yield self._part(widths, gap, waiting, head=not begun)
 
     def _lines(self, number: int, columns: list[int]) -> Iterator[RenderableType]:
-        """Yield cells of a row in lines of their own; several have their titles."""
+        """Yield cells of a row in separate lines; several have their titles."""
         for i in columns:
             alone = len(columns) == 1 and i == len(self.columns) - 1
             label = f"{self._title(i)}: " if self._title(i) and not alone else ""
             yield Padding(Text.assemble((label, "dim"), self._cells(i)[number]), (0, 0, 0, _INDENT))
 
     def _one_by_one(self) -> Iterator[RenderableType]:
-        """Yield every cell in a line of its own."""
+        """Yield every cell in a separate line."""
         for number in range(len(self.rows)):
             yield self._cells(0)[number]
             yield from self._lines(number, [i for i in range(1, len(self.columns)) if self._cells(i)[number]])

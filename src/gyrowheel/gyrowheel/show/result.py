@@ -1,4 +1,4 @@
-"""Base classes of what the front door returns: everything that shows itself, and results."""
+"""Base classes of recordings, models and results, which show themselves."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Result(Shown):
 
     @classmethod
     def of(cls, facts: Any, **more: Any) -> Self:
-        """Return the result with the fields of `facts`, and further fields of its own."""
+        """Return the result with the fields of `facts`, and further fields."""
         return cls(**{field.name: getattr(facts, field.name) for field in fields(facts)}, **more)
 
     def save(self, path: str | Path) -> None:

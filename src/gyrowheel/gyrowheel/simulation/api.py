@@ -143,7 +143,7 @@ def _require_memory(plan: Plan, bench: Bench) -> None:
     if needed > free:
         raise InputError(
             f"plan {plan.name}: {plan.duration:.0f} s take {1e-9 * needed:.3g} GB of memory to simulate at once; "
-            f"allowed: {1e-9 * free:.3g} GB, what is free (split the plan, or record it with 'gyrowheel up')"
+            f"allowed: {1e-9 * free:.3g} GB, the free memory (split the plan, or record it with 'gyrowheel up')"
         )
 
 

@@ -1,4 +1,4 @@
-"""What results depend on besides settings: the code, and the libraries and plug-ins that it uses."""
+"""Identity of the code that results depend on: of the project, of libraries, and of plug-ins."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _SOURCES = (".py", ".yaml", ".json")
 def code_identity() -> dict[str, str]:
     """Return the versions of everything that a result depends on, by name.
 
-    The packages of the project count by the content of their files: what was changed without a new version number is
-    another code. So do packages that bring effects of their own.
+    Packages of the project, and packages with further effects, are identified by the content of their files: code may
+    change without a new version number.
     """
     from gyrowheel_sim.effects.registry import (
         ENTRY_POINT_GROUP,  # with the effects of the library, which take long

@@ -131,7 +131,7 @@ def _sequence(effects: Sequence[str | Effect]) -> Sequence[str | Effect]:
 
 
 def _effects_of(item: Item, declared: dict[str, Effect], bench: Bench) -> list[tuple[str, dict[str, float]]]:
-    """Return the effects that an item stands for, with their coefficients; its declaration is added to `declared`."""
+    """Return the effects of an item, with their coefficients; a declaration is added to `declared`."""
     if isinstance(item, Effect):
         check_name(item.name, "effects", registry())
         declared[item.name] = item

@@ -104,7 +104,7 @@ def model_of(file: Path | None) -> Model | None:
 
 
 def run_json(plan: str, recording: str | None, simulated: float, wall: float) -> dict[str, object]:
-    """Return what the JSON of `simulate` and `up` have in common; times in seconds."""
+    """Return the common fields of the JSON of `simulate` and `up`; times in seconds."""
     return {
         "schema": 1,
         "plan": plan,

@@ -291,7 +291,7 @@ def import_table(
     *,
     question: bool = False,
 ) -> Imported:
-    """Write a table as a recording, as `read_table` does, without reading it back; the folder is whole or absent.
+    """Write a table as a recording, as `read_table` does, without reading it back; the folder is complete or absent.
 
     With `question`, the map is checked by the laws of the wheel.
     """

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel.show.layout import heading, indented, sentences, words_table
 from gyrowheel_core.quantities import short
-
-if TYPE_CHECKING:
-    from gyrowheel_recording.mapping.suggestion import Suggestion
+from gyrowheel_recording.mapping.suggestion import Suggestion
 
 
 def suggestion_page(

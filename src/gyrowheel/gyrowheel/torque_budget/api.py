@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import RenderableType
 
-_HOLD = 6.0  # s; what the start and the pump leave behind has died away
+_HOLD = 6.0  # s; transients of the start and of the pump have died away
 _MOST = 500  # holds
 
 
@@ -137,12 +137,12 @@ def torques(
     mixed: bool = False,
     progress: Fraction | None = None,
 ) -> Torques:
-    """Take apart what coils and motor hold: springs, gimbal, ripple of the shaft, losses, air, bearing and the rest.
+    """Split the torque of coils and motor into parts: springs, gimbal, shaft ripple, losses, air, bearing and others.
 
     Parameters
     ----------
     recordings : Recording, path or list, optional
-        Recordings whose holds are taken apart, with what was measured and what the model leaves unexplained. Without
+        Recordings whose holds are split, with the measured torque and the one that the model does not explain. Without
         them the model itself is simulated in the holds given by the arguments below, without noise.
     model : Model, optional
         The model; one of the bench ``gyrowheel`` without effects if not given.
@@ -172,7 +172,7 @@ def torques(
     if orbit and (recordings is not None or air_density_ratio != 1.0 or rig != "upright"):
         raise InputError(
             "orbit: cannot be combined with recordings, density or an inverted rig: "
-            "simulated holds alone can be in orbit, where is no air and no weight"
+            "only simulated holds can be in orbit, without air and weight"
         )
     known = Model() if model is None else model
     if recordings is not None:

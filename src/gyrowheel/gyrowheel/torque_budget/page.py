@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 from gyrowheel.show.layout import figures_table, heading, indented, sentences
-from gyrowheel_analysis.torques import BENCH_PARTS
+from gyrowheel_analysis.torques import BENCH_PARTS, HoldTorques
 from gyrowheel_core.quantities import decimal, short
 from gyrowheel_core.units import DEG, RPM
-
-if TYPE_CHECKING:
-    from gyrowheel_analysis.torques import HoldTorques
 
 _MOST_COLUMNS = 7  # holds side by side on 80 columns
 _LEAST = 5e-7  # N m; a part below this in every hold has no line
@@ -30,7 +27,7 @@ PART_TITLES = {
     "fixed_torque": "fixed torque",
 }
 assert PART_TITLES.keys() == BENCH_PARTS.keys()
-#: Directions: how they are called, and what is taken of a part.
+#: Titles of the directions.
 ALONG, ACROSS, MOTOR = "Coils, along the tilt", "Coils, across the tilt (90° ahead)", "Motor"
 
 
@@ -79,7 +76,7 @@ def torques_page(d: HoldTorques) -> Iterator[RenderableType]:
                 table.add_row(title, *(decimal(_MILLI * float(values[k]), 3) for k in block))
             yield indented(table)
             yield Text()
-    yield heading("Voltages, and what is left to the limits")
+    yield heading("Voltages, and margins to the limits")
     for block in blocks:
         table = figures_table("tilt, °\nspin, rpm", *(_hold_title(d, k) for k in block))
         table.add_row("coil x, V", *_numbers(np.real(d.coil_voltage), block))

@@ -41,8 +41,8 @@ def torques(
 
     Springs, gimbal, ripple of the shaft, losses, air, bearing, Earth and gravity:
     in the holds of a recording, with the part that the model does not explain, or
-    in simulated holds, on the ground or in orbit. The parts sum to the whole. Below
-    them: the voltages, and what is left to the limits of coils, motor and tilt.
+    in simulated holds, on the ground or in orbit. The parts add up to the whole.
+    Below them: voltages, and margins to the limits of coils, motor and tilt.
     """
     import gyrowheel as gw
 

@@ -116,10 +116,10 @@ class Running:
     def words(self) -> str:
         """Return its state in a line."""
         if self.stamp_ns < 0:
-            return "it is gone" if self.silent else "it runs; no plan is heard yet"
-        text = f"{(self.stamp_ns - self.start_ns) / wire.SECOND:.0f} s heard, {len(self.holds)} holds"
+            return "stopped" if self.silent else "running; no plan yet"
+        text = f"{(self.stamp_ns - self.start_ns) / wire.SECOND:.0f} s received, {len(self.holds)} holds"
         if self.silent:
-            return f"{text}; nothing comes any more"
+            return f"{text}; no more messages"
         if self.asked:
             segment, phase, x, y, spin = self.asked
             kind = "hold" if phase == HOLD else "ramp"
@@ -159,12 +159,7 @@ class LiveBenches:
         self._thread.join(10.0)
 
     def walk(
-        self,
-        key: str,
-        plan: str,
-        folder: Path,
-        progress: Callable[[float], None],
-        ended: Callable[[], bool],
+        self, key: str, plan: str, folder: Path, progress: Callable[[float], None], ended: Callable[[], bool]
     ) -> bool:
         """Have a running bench run a plan and record it in a new folder; return whether the plan was finished.
 

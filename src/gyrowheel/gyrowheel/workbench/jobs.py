@@ -90,14 +90,14 @@ class Jobs:
             self.job = replace(self.job, line=line, part=part)
 
     def end(self) -> None:
-        """End the job at once; what it has already changed stays."""
+        """End the job at once; its finished changes stay."""
         with self.lock:
             if self._work is not None:
                 self._finish(self._work, Trouble(self._work.place, "ended"))
         self.changed()
 
     def wait(self, seconds: float) -> None:
-        """Wait until every job has stopped, also those that were ended; TimeoutError if one goes on."""
+        """Wait until every job has stopped, also those that were ended; TimeoutError if one does not stop."""
         until = time.monotonic() + seconds
         for thread in list(self._threads):
             thread.join(max(until - time.monotonic(), 0.0))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.recordings.api import Recording
 from gyrowheel.show.figure import columns
+from gyrowheel.show.files import bag_head
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError, nearest
 
@@ -50,11 +51,7 @@ class Envelope:
             first, last = first // unit, -(-last // unit)
         edges = np.linspace(first, last, buckets + 1).astype(np.int64)
         ends = np.stack(
-            [
-                np.fmin.reduceat(low[:last], edges[:-1]),
-                np.fmax.reduceat(high[:last], edges[:-1]),
-            ],
-            axis=1,
+            [np.fmin.reduceat(low[:last], edges[:-1]), np.fmax.reduceat(high[:last], edges[:-1])], axis=1
         )
         width = np.diff(edges)
         places = np.stack([edges[:-1], edges[:-1] + 0.5 * width], axis=1) * float(unit)
@@ -91,9 +88,6 @@ def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]
 
 
 _DEEPEST = 3  # folders below a chosen one that are searched
-_MARK = "rosbag2_bagfile_information"
-_METADATA = "metadata.yaml"
-_HEAD = 4096  # characters of it that are looked at
 _LENGTH = re.compile(r"\bduration:\s{0,20}\{?\s{0,20}nanoseconds:\s{0,20}(\d{1,18})\b")
 _FRESH = 1.0  # s for which a listing of the folders stays valid
 
@@ -158,7 +152,7 @@ class Library:
     def first(self) -> Path:
         """The folder for new recordings."""
         own = self._folders[0]
-        return own.parent if _head(own) is not None else own
+        return own.parent if bag_head(own) is not None else own
 
     def take(self, recording: Path) -> str:
         """Return the key of a new recording, which is listed from now on."""
@@ -196,7 +190,7 @@ class Library:
 
 def _recordings(folder: Path, depth: int) -> Iterator[tuple[Path, str]]:
     """Yield the recordings in a folder, each with the beginning of its metadata."""
-    head = _head(folder)
+    head = bag_head(folder)
     if head is not None:
         yield folder, head
         return
@@ -208,19 +202,6 @@ def _recordings(folder: Path, depth: int) -> Iterator[tuple[Path, str]]:
         return
     for path in inside:
         yield from _recordings(path, depth - 1)
-
-
-def _head(folder: Path) -> str | None:
-    """Return the beginning of the metadata of a recording; None for any other folder."""
-    file = folder / _METADATA
-    try:
-        if not file.is_file():  # opening a pipe would block
-            return None
-        with file.open(encoding="utf-8", errors="replace") as stream:
-            head = stream.read(_HEAD)
-    except OSError:
-        return None
-    return head if _MARK in head else None
 
 
 def _entry(number: int, root: Path, path: Path, head: str, *, several: bool) -> Entry:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,13 @@ from gyrowheel.show.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.library import ROLES, Envelope, Opened
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
+from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_analysis.reduction.windows import UPRIGHT, octants
 from gyrowheel_analysis.residuals.error_table import WindowResiduals
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, regions, residual_map
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_core.wire import SECOND
-
-if TYPE_CHECKING:
-    from gyrowheel_analysis.drag.estimate import Estimate
 
 Array = NDArray[np.float64]
 

@@ -55,7 +55,7 @@ class Access:
     """Who may use one server: the browser of its user, and no page of another site."""
 
     names: tuple[str, ...]  # accepted values of ``Host``
-    token: str  # what a browser must have been given; empty where no token is required
+    token: str  # of the browsers that are accepted; empty if no token is required
     #: Name of the cookie with the token, with the port in it: browsers send a cookie to every port of a computer.
     cookie: str
 
@@ -70,7 +70,7 @@ class Access:
         )
 
     def refusal(self, headers: HTTPHeaders) -> str:
-        """Return why a request is refused, whatever its token; empty if it is accepted."""
+        """Return why a request is refused, apart from its token; empty if it is accepted."""
         own = [f"http://{name}" for name in self.names]
         why = refusal(headers.get_list("Host"), headers.get_list("Origin"), names=self.names, allowed=own)
         if not why and headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
@@ -131,6 +131,14 @@ class _Guarded(RequestHandler):
         self.set_header("Content-Type", "application/json; charset=utf-8")
         self.finish(_bytes(json_text(content)))
 
+    def number(self, name: str) -> float:
+        """Return a number of the query."""
+        text = self.get_query_argument(name)
+        try:
+            return float(text)
+        except ValueError:
+            raise InputError(f"{name}: {text[:40]!r} is no number") from None
+
 
 def _bytes(text: str) -> bytes:
     """Return encoded text; invalid bytes of a file name become escapes, which JSON allows."""
@@ -163,8 +171,18 @@ class _Content(_Guarded):
     """The state of the page, and the numbers of its pictures."""
 
     def get(self, name: str) -> None:
-        made = {"state": views.state, "found": pictures.found, "heard": pictures.heard}[name]
-        self.put_json(made(self.session))
+        self.put_json(_CONTENT[name](self))
+
+
+_CONTENT: dict[str, Callable[[_Content], Any]] = {
+    "state": lambda own: views.state(own.session),
+    "found": lambda own: pictures.found(own.session),
+    "heard": lambda own: pictures.heard(own.session),
+    "sample": lambda own: pictures.sample(own.session, own.get_query_argument("key"), own.number("time")),
+    "motion": lambda own: pictures.motion(
+        own.session, own.get_query_argument("key"), own.number("from"), own.number("until")
+    ),
+}
 
 
 class _Events(_Guarded):
@@ -201,19 +219,7 @@ async def _beats(changed: asyncio.Event) -> AsyncIterator[None]:
         yield
 
 
-class _Numbers(_Guarded):
-    """Numbers in the query."""
-
-    def number(self, name: str) -> float:
-        """Return a number of the query."""
-        text = self.get_query_argument(name)
-        try:
-            return float(text)
-        except ValueError:
-            raise InputError(f"{name}: {text[:40]!r} is no number") from None
-
-
-class _Signal(_Numbers):
+class _Signal(_Guarded):
     def get(self) -> None:
         key, points = self.get_query_argument("key"), self.number("points")
         if not 0.0 < points < 1e6:
@@ -221,17 +227,6 @@ class _Signal(_Numbers):
         content = pictures.signal(self.session, key, self.number("from"), self.number("until"), int(points))
         self.set_header("Content-Type", "application/octet-stream")
         self.finish(content)
-
-
-class _Sample(_Numbers):
-    def get(self) -> None:
-        self.put_json(pictures.sample(self.session, self.get_query_argument("key"), self.number("time")))
-
-
-class _Motion(_Numbers):
-    def get(self) -> None:
-        key = self.get_query_argument("key")
-        self.put_json(pictures.motion(self.session, key, self.number("from"), self.number("until")))
 
 
 class _Report(_Guarded):
@@ -387,11 +382,9 @@ def application(session: Session, access: Access) -> Application:
     rules: list[tuple[str, type[_Guarded]]] = [
         (r"/", _Page),
         (r"/login", _Login),
-        (r"/(state|found|heard)", _Content),
+        (r"/(state|found|heard|sample|motion)", _Content),
         (r"/events", _Events),
         (r"/signal", _Signal),
-        (r"/sample", _Sample),
-        (r"/motion", _Motion),
         (r"/report", _Report),
         (r"/table", _Table),
         (r"/preview\.png", _Preview),

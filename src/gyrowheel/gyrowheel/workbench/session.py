@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gyrowheel.catalogue.api import own_effect
 from gyrowheel.comparison.api import Comparison, compare
@@ -27,10 +26,7 @@ from gyrowheel.workbench.library import ROLES, Library, Opened, Role
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import new_folder
-
-if TYPE_CHECKING:
-    from gyrowheel_analysis.drag.estimate import Estimate
-    from gyrowheel_sim.effects import Effect
+from gyrowheel_sim.effects import Effect
 
 #: Name of the file of a model that was not read from one.
 MODEL = "wheel.yaml"

@@ -332,7 +332,7 @@ class Balance:
     def _needs(
         self, values: Mapping[str, float], effects: Sequence[ActiveEffect]
     ) -> tuple[Motion, Any, Callable[[Any], Instants]]:
-        """Return the true motion, the amplitudes that the motor's torque must have, and what gives the torques."""
+        """Return the true motion, the amplitudes that the motor's torque must have, and a function for the torques."""
         motion = self.motion_at(values, effects)
 
         def torques(ripple: Any) -> Instants:
@@ -423,5 +423,5 @@ class Balance:
     def _pushed(self, at: Instants, torques: Torques) -> Instants:
         """Return a state in which further torques act, with the ripple that belongs to them."""
         assert self._response is not None  # the state was found with it
-        # the state's motor torque is settled: only what has changed needs another ripple
+        # the state's motor torque is settled: only the change needs another ripple
         return self._response.corrected(pushed(self.motion, at, torques), self.motion.harmonics_of(at.motor))

@@ -46,7 +46,7 @@ from gyrowheel_analysis.diagnosis.unknown import (
     whole_exponents,
     with_exponents,
 )
-from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, candidate_terms
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
@@ -165,7 +165,7 @@ def _judged(explanation: _Explanation, paths: list[str], validate: Sequence[Reco
     missing = [_beside(problem, proposal, t) for t in proposal.kept] if proposal else selection.findings
     findings = [_report(fitted, f, best, planner) for f in missing]
     findings.sort(key=lambda f: -f.delta_chi2)
-    limits = _limits(problem, best, selection.inflation)
+    limits = detection_limits(problem, best, selection.inflation)
     errors = errors_of(before, best, fitted)
     null = selection.null if proposal is None else problem.fit(())
     unused = as_events(events, [str(recording.path) for recording in validate])
@@ -200,19 +200,6 @@ def _judged(explanation: _Explanation, paths: list[str], validate: Sequence[Reco
         residuals=tuple(errors.residuals),
         coverage=fitted.coverage,
     )
-
-
-def _limits(problem: Problem, best: Fit, inflation: float) -> list[DetectionLimit]:
-    """Return the detection limits of the registered effects that the model does not have."""
-    return [
-        DetectionLimit(
-            limit.term.name, limit.term.effect.title, limit.coefficient, limit.value, c.unit, c.usual
-        )
-        for limit in detection_limits(problem, best, candidate_terms(problem.bench), inflation)
-        if limit.term.effect is not None and limit.term.name not in problem.unknowns.known
-        for c in limit.term.effect.coefficients
-        if c.name == limit.coefficient
-    ]
 
 
 def _beside(problem: Problem, proposal: Proposal, term: Term) -> Finding:

@@ -64,7 +64,7 @@ class Found:
     events: tuple[Event, ...]
     errors: tuple[float, ...]
     gain: float
-    ties: tuple[str, ...]
+    ties: tuple[str, ...] = ()
 
     @property
     def event(self) -> Event:
@@ -167,19 +167,19 @@ def find(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Fo
         dated = _fewer(evidence, dated)
         if any(_alike(dated.events, f.events) for f in found):
             break
-        found.append(Found(dated.events, dated.errors, dated.gain, _ties(candidates, best)))
+        found.append(replace(dated, ties=_ties(candidates, best)))
     return found
 
 
 def _may_be(candidate: Candidate, trend: Candidate) -> bool:
-    """Whether a candidate is a step that may be what a trend shows."""
+    """Whether a candidate is a step that may explain a trend."""
     e, t = candidate.first, trend.first
     return (e.kind, e.recording, candidate.quantities) == ("step", t.recording, trend.quantities) and (
         t.time - EVENT_NEAR < e.time < t.end + EVENT_NEAR
     )
 
 
-def _fewer(evidence: Evidence, dated: _Dated) -> _Dated:
+def _fewer(evidence: Evidence, dated: Found) -> Found:
     """Return the event of one axis alone in place of both, where it explains as much."""
     alone = [replace(dated, events=(event,), gain=_gain(evidence, [(event,)])) for event in dated.events]
     best = max(alone, key=lambda own: own.gain)
@@ -249,16 +249,7 @@ def _simplest(candidates: Sequence[Candidate]) -> Candidate:
     return min(serving, key=lambda c: (order.get(c.quantities, len(order)), -c.score))
 
 
-@dataclass(frozen=True)
-class _Dated:
-    """An event with the best times of its edges, their standard errors [s], and its gain."""
-
-    events: tuple[Event, ...]
-    errors: tuple[float, ...]
-    gain: float
-
-
-def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _Dated:
+def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> Found:
     """Return an event with the best times of its edges by windows and samples."""
     bench, first = evidence.problem.bench, candidate.first
     windows = evidence.problem.balances[first.recording].windows
@@ -270,7 +261,7 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
     if first.kind == "swing":
         return _swinging(evidence, candidate)
     if first.kind not in HAPPENS:
-        return _Dated(candidate.events, tuple(0.0 for _ in edges), candidate.gain)
+        return Found(candidate.events, tuple(0.0 for _ in edges), candidate.gain)
     if first.kind == "trend":
         return _grown(evidence, candidate, [_between_windows(windows, *span) for span in candidate.spans])
     # the edges of a burst depend on each other
@@ -278,7 +269,7 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
         edges[k], errors[k] = _by_windows(
             evidence, moved(), k, *_between_windows(windows, *candidate.spans[k])
         )
-    by_windows = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
+    by_windows = Found(moved(), tuple(errors), _gain(evidence, [moved()]))
     data, _, _ = readable(samples_of(recording, incomplete=True), bench)
     for k in (0,) if first.kind == "step" else (0, 1, 0, 1):
         wide = min(EVENT_SEARCH * by_windows.errors[k], EVENT_SEARCH_MOST)
@@ -289,26 +280,26 @@ def _dated(evidence: Evidence, candidate: Candidate, recording: Recording) -> _D
             edges[k], errors[k] = seen
     if len(edges) > 1 and edges[1] <= edges[0]:
         return by_windows
-    by_samples = _Dated(moved(), tuple(errors), _gain(evidence, [moved()]))
+    by_samples = Found(moved(), tuple(errors), _gain(evidence, [moved()]))
     # where a reading of the tilt jumps within a window, its fit of a smooth motion is worse than the samples
     less = 0.5 * by_windows.gain if first.quantity in MOTION else EVENT_SIMPLER
     return by_samples if by_samples.gain > by_windows.gain - less else by_windows
 
 
-def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float, float]]) -> _Dated:
+def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float, float]]) -> Found:
     """Return a trend with its ends within some times; both are equally uncertain, and depend on each other."""
     ends = [np.linspace(low, high, max(min(_ENDS, round((high - low) / _FINE)), 2)) for low, high in spans]
     pairs = [(a, b) for a in ends[0].tolist() for b in ends[1].tolist() if b > a + TREND_SHORTEST_REFINED]
     if not pairs:
-        return _Dated(candidate.events, tuple(b - a for a, b in spans), candidate.gain)
+        return Found(candidate.events, tuple(b - a for a, b in spans), candidate.gain)
     gains = _gains(evidence, [[event.at(*pair) for event in candidate.events] for pair in pairs])
     mean, variance = _expected(np.array(pairs), gains)
     errors = np.sqrt(variance + _FINE**2)
     events = tuple(event.at(*mean.tolist()) for event in candidate.events)
-    return _Dated(events, tuple(errors.tolist()), float(gains.max()))
+    return Found(events, tuple(errors.tolist()), float(gains.max()))
 
 
-def _swinging(evidence: Evidence, candidate: Candidate) -> _Dated:
+def _swinging(evidence: Evidence, candidate: Candidate) -> Found:
     """Return a swing with its best phase and period by the windows."""
     peak, period = candidate.first.edges
     errors = (0.0, 0.0)
@@ -321,7 +312,7 @@ def _swinging(evidence: Evidence, candidate: Candidate) -> _Dated:
         mean, variance = _expected(np.array(pairs), gains)
         (peak, period), errors = mean.tolist(), tuple(np.sqrt(variance).tolist())
     events = tuple(event.at(peak, period) for event in candidate.events)
-    return _Dated(events, errors, _gain(evidence, [events]))
+    return Found(events, errors, _gain(evidence, [events]))
 
 
 def _between_windows(windows: Windows, low: float, high: float) -> tuple[float, float]:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.criteria import PRECISE, SETTLING_SEPARATION, VARIATION_BETTER, WORTHWHILE
-from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
+from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, EffectFinding
 from gyrowheel_analysis.diagnosis.selection import threshold
-from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, Unknowns
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Unknowns, candidate_terms
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
@@ -229,30 +229,23 @@ class Planner:
         return other if settles or other.expected > VARIATION_BETTER * plain.expected else plain
 
 
-@dataclass(frozen=True)
-class Limit:
-    """The smallest `value` of a `coefficient` of an effect at which it would have been found."""
-
-    term: Term
-    coefficient: str
-    value: float
-
-
-def detection_limits(problem: Problem, fit: Fit, terms: Sequence[Term], inflation: float) -> list[Limit]:
-    """Return the detection limit of every term that is not in the fit, all else being estimated."""
+def detection_limits(problem: Problem, fit: Fit, inflation: float) -> list[DetectionLimit]:
+    """Return the detection limits of the registered effects that model and fit lack, all else being estimated."""
     basis = problem.basis(fit)
     at = problem.measured - fit.residual
     limits = []
-    for term in terms:
-        if term.effect is None or term in fit.terms:
+    for term in candidate_terms(problem.bench):
+        effect = term.effect
+        if effect is None or term in fit.terms or term.name in problem.unknowns.known:
             continue
         own = problem.term_jacobian(term, fit, at, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((len(fit.pull), own.shape[1]))])
         columns = columns - basis @ (basis.T @ columns)
         needed = math.sqrt(threshold(term, inflation))
-        for index, name in enumerate(term.amplitudes):
+        for index, c in enumerate(effect.amplitudes):
             norm = float(np.linalg.norm(columns[:, index]))
-            limits.append(Limit(term, name, needed / norm if norm > 0.0 else math.inf))
+            value = needed / norm if norm > 0.0 else math.inf
+            limits.append(DetectionLimit(term.name, effect.title, c.name, value, c.unit, c.usual))
     return limits
 
 

@@ -63,7 +63,7 @@ class Estimate:
         The hold from which increments are taken: the last one before at zero tilt and the same speed; for the first
         one at zero tilt itself; for a tilted one without such a hold the first settled one.
     voltage_increment, voltage_increment_std, simulated_voltage_increment : ndarray (3,)
-        Change of `dc_voltage` from the reference hold, its standard error, and what the model predicts [V].
+        Change of `dc_voltage` from the reference hold, its standard error, and the prediction of the model [V].
     calibrated : bool
         Whether the model has learned both constants, of coils and motor, from recordings; else the bench's stated
         constants are used, with their stated uncertainty.

@@ -317,7 +317,7 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
                 continue
             for key in _DISTINGUISHING:
                 own, its = values.get(key, math.nan), its_values.get(key, math.nan)
-                # false for what is not a number
+                # false for NaN
                 if max(own, its) > OTHER_MACHINE * min(own, its) > 0.0:
                     raise InputError(
                         f"{recording.path}: is of bench {name}, {other} of bench {its_name}: {key} is {own:.4g} and "

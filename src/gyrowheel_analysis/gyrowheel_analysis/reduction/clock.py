@@ -1,6 +1,6 @@
 """The clock of a recording: jitter of its stamps, its rate, and the instants at which the samples were taken.
 
-Samples are counted, so a clock that runs evenly gives them stamps on a straight line; what scatters about that line is
+Samples are counted, so a clock that runs evenly gives them stamps on a straight line; the scatter about that line is
 jitter. Either the converter samples at equal intervals and the stamp has a random error, or the instants themselves
 jitter and the stamps show it. The rotor distinguishes the two: between samples that are farther apart it turns farther.
 A speed, an acceleration and the phase of a harmonic come from angle over time: an error of 5 µs in a stamp is an error

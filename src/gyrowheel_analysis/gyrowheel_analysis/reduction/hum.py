@@ -38,6 +38,7 @@ CHANNELS: Mapping[str, tuple[str, ...]] = {
 _READ = tuple(name for names in CHANNELS.values() for name in names)
 #: Commands to the coils, as further columns next to the readings.
 COMMANDED = ("command_x", "command_y")
+_PAIRS = tuple(zip(CHANNELS["coil_voltage"], COMMANDED, strict=True))
 _MOST_WINDOWS = 40
 SHORTEST = 0.7  # s
 FEWEST = 4  # windows
@@ -147,20 +148,20 @@ def line_amplitudes(
         beside = [frequency + sign * d / length for sign in (-1.0, 1.0) for d in _BESIDE]
         sums = np.zeros(2, dtype=complex)
         around = {f: spectra.at(f, chosen) for f in beside}
-        pairs = [(spectra.columns.index(r), spectra.columns.index(c)) for r, c in _pairs()]
+        pairs = [(spectra.columns.index(r), spectra.columns.index(c)) for r, c in _PAIRS]
         for rows in around.values():
             for r, c in pairs:
                 sums += (np.vdot(rows[:, c], rows[:, r]), np.vdot(rows[:, c], rows[:, c]))
         gain = sums[0] / sums[1] if abs(sums[1]) > 0.0 else 1.0
-        left = [at[r] - gain * at[c] for r, c in _pairs()]
+        left = [at[r] - gain * at[c] for r, c in _PAIRS]
         rest = [np.abs(rows[:, r] - gain * rows[:, c]) ** 2 for rows in around.values() for r, c in pairs]
         scatter = math.sqrt(np.mean([np.mean(square) for square in rest]))
         size, error = _mean_size(left, [np.full(len(left[0]), scatter)] * 2)
         gain_error = scatter / math.sqrt(abs(sums[1]))
-        commanded = math.sqrt(float(np.mean([np.mean(np.abs(at[c]) ** 2) for _, c in _pairs()])))
+        commanded = math.sqrt(float(np.mean([np.mean(np.abs(at[c]) ** 2) for _, c in _PAIRS])))
         result["coil_voltage"] = (size, math.hypot(error, math.sqrt(0.5) * gain_error * commanded))
     # the tilt, without the rotor's response to the coils
-    drive = [at[c if known else r] for r, c in _pairs()]
+    drive = [at[c if known else r] for r, c in _PAIRS]
     held = min(bench.sample_period, spectra.period)
     forward, backward = _turned(at["tilt_x"], at["tilt_y"])
     moved, resists = [], []
@@ -178,10 +179,6 @@ def line_amplitudes(
         # from amplitudes forward and backward to that of one axis
         result["tilt"] = (math.sqrt(2.0) * size, math.sqrt(2.0) * math.hypot(error, _MOTION_KNOWN * motion))
     return result
-
-
-def _pairs() -> tuple[tuple[str, str], ...]:
-    return tuple(zip(CHANNELS["coil_voltage"], COMMANDED, strict=True))
 
 
 def _turned(x: Complex, y: Complex) -> tuple[Complex, Complex]:
@@ -276,7 +273,7 @@ def find_lines(data: Samples, windows: Windows, bench: Bench) -> list[Line]:
 def _line(spectra: Spectra, mains: float, multiple: int, bench: Bench, *, asked: bool) -> Line | None:
     """Return the line at a multiple of a mains frequency; None if it cannot be measured.
 
-    Where nothing is found, amplitudes and their errors are computed only if they are asked for.
+    Where nothing is found, amplitudes and their errors are computed only on demand.
     """
     nominal = mains * multiple
     length = float(np.median(spectra.length))

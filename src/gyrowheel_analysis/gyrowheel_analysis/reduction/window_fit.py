@@ -33,7 +33,7 @@ FEWEST_SAMPLES = 0.7
 _FURTHER = 4  # terms of the polynomials that show whether a motion has settled
 #: Samples at each end of a window whose mean residual shows that a motion began or ended there.
 _EDGE_SAMPLES = (4, 8, 16)
-#: Columns of what is fitted: tilt, motor current, coil voltages, spin rate, motor voltage.
+#: Fitted columns: tilt, motor current, coil voltages, spin rate, motor voltage.
 _TILT, _CURRENT, _COIL, _SPIN, _MOTOR = range(5)
 #: From a Legendre series of `DEGREE` terms to powers of x.
 _TO_POWERS = np.zeros((DEGREE, DEGREE))

@@ -344,7 +344,7 @@ class Coverage:
     left_out : dict of str to float
         Steady motion outside of windows [s], by reason.
     assumed : tuple of str
-        Quantities that were never measured, and what is assumed instead.
+        Quantities that were never measured, and the assumption instead.
     """
 
     recorded: float = 0.0

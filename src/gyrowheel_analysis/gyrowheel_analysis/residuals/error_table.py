@@ -97,7 +97,7 @@ class ErrorTable:
     Attributes
     ----------
     before, after : ErrorRow
-        On the fitted recordings: without and with what was added. Without it, the bench parameters stay within their
+        On the fitted recordings: without and with the addition. Without it, the bench parameters stay within their
         stated uncertainties.
     validation_before, validation_after : ErrorRow or None
         The same on recordings that were not used to fit.

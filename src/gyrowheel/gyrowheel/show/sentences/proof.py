@@ -1,4 +1,4 @@
-"""Whether the findings predict what was not fitted, and what a fit gives reason to doubt."""
+"""Proof of the findings on data that were not fitted, and doubts about a fit."""
 
 from __future__ import annotations
 
