@@ -65,15 +65,16 @@ def test_the_commands_of_the_page_work(
     assert seen >= 1
 
 
-def test_the_page_of_the_python_api_runs_and_prints_what_it_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("page", ["python.md", "fit.md"])
+def test_the_python_of_the_page_runs_and_prints_what_it_shows(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     place: dict[str, object] = {"__name__": "__main__"}
-    fences = FENCE.findall((DOCS / "python.md").read_text(encoding="utf-8"))
+    fences = FENCE.findall((DOCS / page).read_text(encoding="utf-8"))[:4]
     assert [language for language, _ in fences] == ["python", "", "python", ""]
     for (_, code), (_, shown) in zip(fences[::2], fences[1::2], strict=True):
-        exec(compile(code, "python.md", "exec"), place)  # the page's own code
+        exec(compile(code, page, "exec"), place)  # the page's own code
         assert words(capsys.readouterr().out) == words(shown)
 
 

@@ -20,6 +20,7 @@ from gyrowheel.investigation.api import Investigation as Investigation
 from gyrowheel.investigation.api import investigate as investigate
 from gyrowheel.models.addition import Addition as Addition
 from gyrowheel.models.api import Model as Model
+from gyrowheel.models.estimation import Fit as Fit
 from gyrowheel.momentum_envelope.api import Momentum as Momentum
 from gyrowheel.momentum_envelope.api import momentum as momentum
 from gyrowheel.paper_figures.api import Paper as Paper

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,6 +21,7 @@ from gyrowheel.cli.options import (
     example,
     option,
 )
+from gyrowheel.cli.outputs import PICTURE
 from gyrowheel.show.files import require_writable
 from gyrowheel_core.errors import InputError
 
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from gyrowheel.catalogue.api import Effect
 
 model_app = typer.Typer(
-    help="Edit a model file: new, add, remove, show, undo, diff.",
+    help="Edit a model file: new, add, fit, remove, show, undo, diff.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
@@ -92,6 +94,90 @@ def add(
     added = better.added
     assert added is not None  # made by add
     put(added, json, picture, after=[Unbroken(f"\nmodel: {model}")])
+
+
+@model_app.command(
+    name="fit", epilog=example("gyrowheel model fit --free windage --model wheel.yaml --fit runs/monday")
+)
+def fit_parameters(
+    model: ModelFile,
+    fit: Annotated[list[Path], option("--fit DIR", "Recording to fit. Repeatable.")],
+    free: Annotated[
+        list[str] | None,
+        option(
+            "--free NAME",
+            "Parameter to estimate: windage.w, windage (its coefficients), bench (its uncertain parameters), or a "
+            "pattern with *. Repeatable.",
+            "all",
+        ),
+    ] = None,
+    fixed: Annotated[
+        list[str] | None, option("--fixed NAME", "Parameter to hold at the model's value. Repeatable.")
+    ] = None,
+    prior: Annotated[
+        list[str] | None,
+        option("--prior NAME=MEAN,SD", "Prior in SI units; NAME=none for no prior. Repeatable.", "as stated"),
+    ] = None,
+    bounds: Annotated[
+        list[str] | None, option("--bounds NAME=LOW,HIGH", "Range in SI units. Repeatable.")
+    ] = None,
+    loss: Annotated[
+        str,
+        option("--loss L", "linear (least squares), or soft_l1, huber, cauchy for noise with heavy tails."),
+    ] = "linear",
+    write: Annotated[bool, option("--write", "Write the estimates into the model file.")] = False,
+    mixed: Mixed = False,
+    picture: Annotated[
+        Path | None, option("--picture FILE.png", "Draw the correlation of the estimates."), PICTURE
+    ] = None,
+    json: Json = None,
+) -> None:
+    """Estimate chosen parameters: priors, bounds, covariance, information criteria. Written only with --write."""
+    from gyrowheel import Model
+    from gyrowheel.show.layout import Unbroken
+
+    priors = dict(map(_pair_of("--prior", none=True), prior or ()))
+    ranges = {name: ends for name, ends in map(_pair_of("--bounds"), bounds or ()) if ends is not None}
+    if write:
+        require_writable(model)
+    with editing(model) if write else contextlib.nullcontext():
+        loaded = Model.load(model)
+        with working("fitting") as say:
+            result = loaded.fit(
+                fit,
+                free=free,
+                fixed=fixed or (),
+                priors=priors,
+                bounds=ranges,
+                loss=loss,
+                mixed=mixed,
+                progress=say,
+            )
+        if write:
+            result.model.save(model)
+    text = (
+        f"\nmodel: {model}"
+        if write
+        else "\nThe model file is unchanged; --write writes the estimates into it."
+    )
+    put(result, json, picture, after=[Unbroken(text)])
+
+
+def _pair_of(field: str, *, none: bool = False) -> Callable[[str], tuple[str, tuple[float, float] | None]]:
+    """Return the reader of an option ``NAME=A,B``, or ``NAME=none`` where that is allowed."""
+
+    def read(text: str) -> tuple[str, tuple[float, float] | None]:
+        name, _, ends = text.partition("=")
+        if none and ends.strip() == "none":
+            return name.strip(), None
+        try:
+            first, second = (float(part) for part in ends.split(","))
+        except ValueError:
+            also = ", or NAME=none" if none else ""
+            raise InputError(f"{field}: {text!r} is not allowed; allowed: NAME=A,B{also}") from None
+        return name.strip(), (first, second)
+
+    return read
 
 
 @model_app.command(epilog=example("gyrowheel model remove windage --model wheel.yaml"))

@@ -36,7 +36,10 @@ class Prior(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """An unknown of the fit: its name, SI value = offset + size times the fitted number, unit, prior, bounds [SI]."""
+    """An unknown of the fit [SI]: value = offset + size times the fitted number.
+
+    `centre` and `width` are a generous prior where it has none.
+    """
 
     name: str
     offset: float
@@ -45,6 +48,7 @@ class Unknown(NamedTuple):
     start: float
     prior: Prior | None
     bounds: tuple[float, float]
+    centre: float
     width: float
 
 

@@ -112,6 +112,7 @@ def _unknowns(model: Model, problem: Problem, terms: Sequence[Term]) -> list[Unk
                 start,
                 prior,
                 physical_range(p.name),
+                p.value,
                 100.0 * p.uncertainty,
             )
         )
@@ -128,6 +129,7 @@ def _unknowns(model: Model, problem: Problem, terms: Sequence[Term]) -> list[Unk
                     model.effects[term.name][c.name],
                     Prior(float(c.shape or 0.0), c.shape_uncertainty) if shaped else None,
                     c.bounds,
+                    c.null,
                     problem.unknowns.scale(term, c.name),
                 )
             )
@@ -241,7 +243,7 @@ def _estimation(
     )
     evidence = likelihood + 0.5 * float(np.linalg.slogdet(covariance / np.outer(errors, errors))[1])
     for u, value, error in zip(cost.free, found.values, errors, strict=True):
-        mean, deviation = u.prior or (0.0 if "." in u.name else u.offset, u.width)
+        mean, deviation = u.prior or (u.centre, u.width)
         evidence += math.log(error / deviation) - 0.5 * ((value - mean) / deviation) ** 2
     names = channels_of(problem.balances)
     by_channel = {
