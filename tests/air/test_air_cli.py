@@ -65,7 +65,7 @@ def test_models_side_by_side(gyrowheel: Shell, table: Path, tmp_path: Path):
     assert content["reynolds"] == pytest.approx(6.98e4, rel=1e-3)
 
 
-def test_a_tilt_that_only_some_models_know_shows_those(gyrowheel: Shell, table: Path):
+def test_only_models_valid_at_a_tilt_are_compared(gyrowheel: Shell, table: Path):
     code, out, _ = gyrowheel("air", "--table", table, "--tilt", 7)
     assert code == 0
     assert "0 .. 5" in " ".join(out.split())
@@ -92,7 +92,7 @@ def test_run_prints_three_torques_with_scatter(gyrowheel: Shell, player: Player,
     assert len(player.calls) == 1
 
 
-def test_mesh_says_what_checkmesh_found(gyrowheel: Shell, player: Player, tmp_path: Path):
+def test_mesh_reports_the_findings_of_checkmesh(gyrowheel: Shell, player: Player, tmp_path: Path):
     code, out, _ = gyrowheel("cfd", "mesh", "--mesh", "tiny", "--tilt", 2, "-o", tmp_path / "study")
     assert code == 0
     assert "1824" in out
@@ -223,7 +223,7 @@ def test_bad_input_is_one_line(
     assert not (tmp_path / "x").exists()
 
 
-def test_dask_that_is_missing_is_one_line(gyrowheel: Shell, player: Player, tmp_path: Path, monkeypatch):
+def test_missing_dask_is_reported_in_one_line(gyrowheel: Shell, player: Player, tmp_path: Path, monkeypatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     code, _, err = gyrowheel("cfd", "sweep", *TINY, "-o", tmp_path / "study", "--dask", "tcp://127.0.0.1:1")
     assert code == 2

@@ -64,7 +64,7 @@ def test_torque_of_a_real_run():
     assert not torque.settled
 
 
-def test_settled_and_steady_mean_what_they_say():
+def test_settled_and_steady_follow_drift_and_scatter():
     def judged(history: np.ndarray) -> tuple[bool, bool]:
         total = np.column_stack([np.zeros_like(history), np.zeros_like(history), history])
         found = average(total, total, np.eye(3), len(history))
@@ -157,7 +157,7 @@ def test_sst_starts_from_k_epsilon_at_the_same_tilt(tmp_path: Path, player: Play
     assert result.provenance["first_guess"].startswith("k-epsilon on the same mesh, 10 iterations")
 
 
-def test_a_run_that_has_not_settled_goes_on_for_so_long(tmp_path: Path, player: Player):
+def test_an_unsettled_run_continues_up_to_the_limit(tmp_path: Path, player: Player):
     result = run_case(tiny(settle=75), tmp_path)
     # what is played begins anew each time
     assert not result.torque.settled
@@ -172,7 +172,7 @@ def test_a_run_that_has_not_settled_goes_on_for_so_long(tmp_path: Path, player: 
     assert finished(folder, tiny(settle=76)) is None
 
 
-def test_a_run_goes_on_no_longer_than_until_it_has_settled(tmp_path: Path, player: Player):
+def test_a_run_ends_when_it_has_settled(tmp_path: Path, player: Player):
     # what is played twice over has the same mean in both halves
     result = run_case(tiny(settle=400), tmp_path)
     assert result.torque.settled
@@ -197,7 +197,7 @@ def test_unsettled_case_continues_in_a_later_call(tmp_path: Path, player: Player
     assert finished(study / later.case.name, tiny(settle=75)) is not None
 
 
-def test_a_case_with_too_few_iterations_goes_on_to_more(tmp_path: Path, player: Player):
+def test_a_case_with_too_few_iterations_continues(tmp_path: Path, player: Player):
     begun = run_case(tiny(), tmp_path)
     more = tiny(iterations=75, window=37)
     assert finished(tmp_path / more.name, more) is None
@@ -258,7 +258,7 @@ def test_a_history_with_a_hole_is_refused(tmp_path: Path, player: Player):
         read_history(logs)
 
 
-def test_a_solver_that_fails_says_why(tmp_path: Path, player: Player):
+def test_a_failed_solver_is_reported_with_its_reason(tmp_path: Path, player: Player):
     player.fail_in(tiny().name)
     with pytest.raises(
         InputError, match=r"simpleFoam failed: Maximum number of iterations exceeded; log: .*log\.simpleFoam"
@@ -276,11 +276,11 @@ def test_a_solver_that_fails_says_why(tmp_path: Path, player: Player):
         ("", 3, "exit status 3"),
     ],
 )
-def test_a_solver_that_ends_silently_is_explained(text: str, code: int, why: str):
+def test_a_solver_that_ends_silently_is_reported_with_a_reason(text: str, code: int, why: str):
     assert openfoam.reason(text, code) == why
 
 
-def test_a_foreign_folder_is_not_touched(tmp_path: Path, player: Player):
+def test_a_folder_of_other_content_is_not_changed(tmp_path: Path, player: Player):
     (tmp_path / tiny().name).mkdir()
     (tmp_path / tiny().name / "thesis.tex").write_text("years of work")
     with pytest.raises(InputError, match="is no case"):
@@ -298,7 +298,7 @@ def test_a_foreign_folder_is_not_touched(tmp_path: Path, player: Player):
         ({"window": 41}, ["window", "41", "2 .. 40"]),
     ],
 )
-def test_cases_that_make_no_sense_are_refused(options: dict[str, Any], words: list[str]):
+def test_invalid_cases_are_refused(options: dict[str, Any], words: list[str]):
     with pytest.raises(InputError) as refused:
         tiny(**options)
     assert all(word in str(refused.value) for word in words)

@@ -24,7 +24,7 @@ from gyrowheel_core.units import DEG, RPM
 from .helpers import Player, levels_of, tiny
 
 
-def test_a_plan_starts_each_tilt_at_one_speed_and_the_others_from_there():
+def test_a_sweep_plan_starts_each_tilt_at_one_speed_and_continues_from_it():
     first, rest = levels_of([0, 5], [1000, 3400, 4000])
     assert [(s.case.tilt / DEG, round(s.case.spin_rate / RPM), s.first) for s in first] == [
         (0.0, 3400, None),
@@ -75,7 +75,7 @@ def test_a_sweep_computes_nothing_twice(tmp_path: Path, player: Player):
     assert len(collect_results(tmp_path)) == 6
 
 
-def test_a_case_that_fails_holds_up_only_those_that_start_from_it(tmp_path: Path, player: Player):
+def test_a_failed_case_blocks_only_its_successors(tmp_path: Path, player: Player):
     levels = levels_of([0, 5], [2000, 3500])
     player.fail_in(levels[0][1].case.name)
     outcome = sweep(levels, tmp_path, tell=lambda *_: None)
@@ -99,7 +99,7 @@ SWEEP = ["cfd", "sweep", "--mesh", "tiny", "--iterations", "40", "--tilts", "0,2
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_sweep_that_is_killed_goes_on_where_it_was(tmp_path: Path, player: Player, jobs: int):
+def test_a_killed_sweep_resumes(tmp_path: Path, player: Player, jobs: int):
     study = tmp_path / "study"
     command = [
         sys.executable,
@@ -187,7 +187,7 @@ def test_a_sweep_runs_on_a_dask_cluster(tmp_path: Path, player: Player):
     assert sweep(levels_of([0, 5], [2000, 3500]), tmp_path / "study", tell=lambda *_: None).reused == 4
 
 
-def test_dask_that_is_missing_is_named(tmp_path: Path, player: Player, monkeypatch: pytest.MonkeyPatch):
+def test_missing_dask_is_reported(tmp_path: Path, player: Player, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     with pytest.raises(
         InputError, match=r"dask: needs the package distributed.*pip install 'gyrowheel-sim\[dask\]'"
@@ -195,7 +195,7 @@ def test_dask_that_is_missing_is_named(tmp_path: Path, player: Player, monkeypat
         sweep(levels_of([5], [3500]), tmp_path, dask="tcp://127.0.0.1:1", tell=lambda *_: None)
 
 
-def test_a_sweep_goes_on_with_what_has_not_settled(tmp_path: Path, player: Player):
+def test_a_sweep_continues_unsettled_cases(tmp_path: Path, player: Player):
     levels = levels_of([0, 5], [2000, 3500])
     sweep(levels, tmp_path, tell=lambda *_: None)
     further = [[replace(step, case=replace(step.case, settle=60)) for step in level] for level in levels]

@@ -80,7 +80,7 @@ def test_a_disc_has_the_same_torque_on_both_sides_of_a_boundary(gap: float, wher
         ("wendt", 1e4, 0.002),
     ],
 )
-def test_pieces_of_a_cylinder_meet_as_nearly_as_published(kind: str, number: float, jump: float):
+def test_cylinder_regimes_join_with_the_published_steps(kind: str, number: float, jump: float):
     below = cylinder_coefficient(kind, number * (1 - 1e-9), RIM)
     above = cylinder_coefficient(kind, number * (1 + 1e-9), RIM)
     assert abs(above / below - 1.0) < jump
@@ -122,7 +122,7 @@ def test_drag_obeys_similarity(rpm: float, size: float):
         (lambda: AirState.of(pressure=float("nan")), ["pressure", "nan", "1000 .. 300000 Pa"]),
     ],
 )
-def test_nonsense_is_refused(call, words: list[str]):
+def test_invalid_conditions_are_refused(call, words: list[str]):
     with pytest.raises(InputError) as refused:
         call()
     assert all(word in str(refused.value) for word in words)

@@ -78,7 +78,7 @@ def test_the_torque_turns_with_the_tilt(model: AirModel, tilt: float, direction:
     ("tilt", "speed", "word"),
     [((0.0, 0.0), 0.0, "spin rate"), ((0.0, 0.0), float("nan"), "spin rate"), ((2.0, 0.0), 300.0, "tilt")],
 )
-def test_nonsense_is_refused(model: AirModel, tilt: tuple[float, float], speed: float, word: str):
+def test_invalid_conditions_are_refused(model: AirModel, tilt: tuple[float, float], speed: float, word: str):
     with pytest.raises(InputError, match=word):
         model.torque(GEOMETRY, AIR, tilt, speed)
 
@@ -97,7 +97,7 @@ def test_vorticity_model_by_hand():
 
 
 @given(gap=st.floats(4.0, 30.0))
-def test_a_wider_end_gap_turns_back_less(gap: float):
+def test_a_wider_end_gap_has_a_smaller_restoring_torque(gap: float):
     wider = GEOMETRY.with_value("case_height", GEOMETRY.rotor_height + 2e-3 * gap)
     one = Vorticity().stiffness(wider, AIR, 3500 * RPM)
     assert one == pytest.approx(Vorticity().stiffness(GEOMETRY, AIR, 3500 * RPM) * 12.0 / gap)
@@ -318,7 +318,7 @@ def test_a_table_of_the_expected_laws_passes_its_check_list():
     assert all(item.bar for item in checks)
 
 
-def test_findings_of_the_published_rotor_do_not_bind_another():
+def test_findings_of_the_published_rotor_do_not_apply_to_another():
     wide = GEOMETRY.with_value("case_radius", 60e-3)
     rows = [
         replace(own, case=Case.of(wide, AIR, own.case.tilt, own.case.spin_rate)) for own in made_up().rows

@@ -28,7 +28,7 @@ def test_grid_of_the_shipped_table():
 
 
 @pytest.mark.parametrize("row", TABLE.rows, ids=lambda row: row.case.name)
-def test_every_row_says_where_it_comes_from(row):
+def test_every_row_states_its_provenance(row):
     origin = row.provenance
     assert origin["version"].startswith("1912")
     assert origin["iterations"] >= row.case.iterations
@@ -41,7 +41,7 @@ def test_every_row_says_where_it_comes_from(row):
     assert 0.1 < row.y_plus["rotor"][0] < 20.0
 
 
-def test_rows_beside_the_grid_show_mesh_model_and_axes():
+def test_rows_outside_the_grid_vary_mesh_model_and_axes():
     beside = [row.case for row in TABLE.rows if row not in TABLE.grid]
     assert any(case.tilt < 0.0 for case in beside)
     assert any(case.direction > 0.0 for case in beside)

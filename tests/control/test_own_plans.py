@@ -44,7 +44,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("name", WRITTEN)
-def test_on_its_own_bench_a_shipped_plan_is_as_it_is_written(name: str) -> None:
+def test_a_shipped_plan_is_unchanged_on_its_own_bench(name: str) -> None:
     plan = Plan.load(name)
     assert plan_for(plan, DEFAULT) is plan
     assert adapted(plan, DEFAULT) is plan
@@ -93,7 +93,7 @@ def test_changes_of_an_adapted_plan_are_listed_with_numbers() -> None:
     assert slow.segments[0].hold == pytest.approx(10 * Plan.load("paper_speed").segments[0].hold)
 
 
-def test_a_name_stands_for_the_plan_of_the_bench() -> None:
+def test_a_plan_name_selects_the_plan_of_the_bench() -> None:
     assert plan_for("quick", DTG).called == "dtg_quick"
     assert plan_for("check@rig=inverted", DTG).called == "dtg_check@rig=inverted"
     assert plan_for("survey", DTG).fitting
@@ -198,7 +198,7 @@ def test_each_excess_is_listed_once_with_the_possible_value(block: str, place: s
     assert re.search(said, wrong.said), wrong.said
 
 
-def test_what_concerns_the_whole_is_told_where_it_shows() -> None:
+def test_problems_of_the_whole_plan_are_reported_with_their_line() -> None:
     _, (wrong,) = inspect("schema: 1\nname: own\nsegments:\n  - {tilt_deg: [0, 0]}\n", "FILE", DEFAULT)
     assert wrong == (4, "segments.0.spin_rpm", "the first segment must give a speed")
     _, (wrong,) = inspect("schema: 1\nname: own\nsegments: []\n", "FILE", DEFAULT)

@@ -37,7 +37,7 @@ def steps(hold_s: float = 3.0) -> Plan:
 
 
 @pytest.mark.parametrize("bench", [PI, PLL], ids=["pi", "pll"])
-def test_it_settles_at_every_speed_with_a_wrong_bearing(bench: Bench) -> None:
+def test_the_spin_loop_settles_at_every_speed_with_a_wrong_bearing(bench: Bench) -> None:
     """Friction 40 % off, which the feed-forward does not know."""
     plan = steps()
     rate = run(bench, plan, values={"bearing_coulomb": 7e-4, "bearing_viscous": 1.4e-6}).measurement[

@@ -8,7 +8,7 @@ from gyrowheel_core.arrays import by_blocks
 
 
 @pytest.mark.parametrize("count", [0, 1, 9, 10, 11, 95])
-def test_every_row_once_and_in_order(count: int) -> None:
+def test_blocks_cover_every_row_once_and_in_order(count: int) -> None:
     found = by_blocks(count, lambda first, last: list(range(first, last)), rows=10)
     assert [row for part in found for row in part] == list(range(count))
     assert all(len(part) == 10 for part in found[:-1])

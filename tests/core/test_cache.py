@@ -23,7 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     cache._folder.cache_clear()
 
 
-def test_reads_what_was_written(folder: Path) -> None:
+def test_cache_reads_back_its_entries(folder: Path) -> None:
     """An entry comes back whole; what is missing is None; others may not read the folder."""
     assert cache.read("entry") is None
     cache.write("entry", b"content")
@@ -32,7 +32,7 @@ def test_reads_what_was_written(folder: Path) -> None:
     assert (folder / "entry").stat().st_mode & 0o077 == 0
 
 
-def test_damage_is_never_read(folder: Path) -> None:
+def test_damaged_cache_entries_are_never_read(folder: Path) -> None:
     """Whatever happens to the bytes of an entry: it is read as written, or not at all."""
     draw = random.Random(5)
     content = draw.randbytes(300)
@@ -66,7 +66,7 @@ def _kept_or_made(name: str) -> bytes:
     return found
 
 
-def test_results_are_equal_whatever_is_done_to_the_folder(folder: Path) -> None:
+def test_results_do_not_depend_on_the_state_of_the_cache_folder(folder: Path) -> None:
     """Two hundred times, something is done to an entry or to the folder: the result is that of a fresh one."""
     draw = random.Random(6)
     fresh = _kept_or_made("entry")
@@ -121,7 +121,7 @@ def test_results_are_equal_whatever_is_done_to_the_folder(folder: Path) -> None:
         assert place.is_file()
 
 
-def test_a_disk_that_is_full_or_read_only(folder: Path, tmp_path: Path) -> None:
+def test_a_full_or_read_only_disk_disables_the_cache(folder: Path, tmp_path: Path) -> None:
     """What is in the cache is read, what is not is worked out, and no half of an entry stays."""
     folder.mkdir(mode=0o700)
     if subprocess.run(
@@ -141,7 +141,7 @@ def test_a_disk_that_is_full_or_read_only(folder: Path, tmp_path: Path) -> None:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-def test_trusts_nobody_else(folder: Path, tmp_path: Path) -> None:
+def test_entries_that_others_can_write_are_not_read(folder: Path, tmp_path: Path) -> None:
     """A folder or an entry that others can write to, a link, and a pipe are not read."""
     cache.write("entry", b"content")
     (folder / "entry").chmod(0o666)
@@ -158,7 +158,7 @@ def test_trusts_nobody_else(folder: Path, tmp_path: Path) -> None:
     assert cache.read("entry") == b"another place"
 
 
-def test_never_fails(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_never_fails(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A full disk leaves neither an error nor a stray file, and where no folder can be trusted there is no cache."""
 
     def full(*_: object) -> None:
@@ -189,7 +189,7 @@ def test_no_folder_for_temporary_files(folder: Path, monkeypatch: pytest.MonkeyP
     assert _kept_or_made("entry") == b"entry" * 20
 
 
-def test_what_a_killed_process_left_goes(folder: Path) -> None:
+def test_remains_of_a_killed_process_in_the_cache_are_removed(folder: Path) -> None:
     """An entry half-written an hour ago is removed; one that may still be on its way and what is no entry stay."""
     cache.write("entry", b"content")
     for name, old in ((f".{'0' * 16}", True), (f".{'1' * 16}", False), (".0123", True), ("matplotlib", True)):

@@ -50,7 +50,7 @@ def test_a_private_file_is_for_its_owner_alone(tmp_path: Path, umask: int) -> No
     assert (mode(file), file.read_text()) == (0o600, "new")
 
 
-def test_a_file_that_is_there_keeps_its_permissions_and_its_links(tmp_path: Path, umask: int) -> None:
+def test_an_existing_file_keeps_its_permissions_and_links(tmp_path: Path, umask: int) -> None:
     own, link, far = tmp_path / "own.yaml", tmp_path / "link.yaml", tmp_path / "far" / "new.yaml"
     own.write_text("old")
     own.chmod(0o640)
@@ -72,7 +72,7 @@ def test_a_file_that_is_there_keeps_its_permissions_and_its_links(tmp_path: Path
         assert (own.read_text(), (shared / "trap").is_symlink()) == ("new", False)
 
 
-def test_a_file_that_is_there_keeps_its_owner_and_its_group(tmp_path: Path) -> None:
+def test_an_existing_file_keeps_its_owner_and_group(tmp_path: Path) -> None:
     own = tmp_path / "wheel.yaml"
     own.write_text("old")
     own.chmod(0o640)
@@ -113,13 +113,13 @@ def test_the_root_of_a_file_system_is_refused_before_the_work(
 
 
 @pytest.mark.parametrize("name", ["a\0b", "\ud800"])
-def test_a_name_that_no_file_can_have_is_no_file(name: str, tmp_path: Path) -> None:
+def test_an_impossible_file_name_is_no_file(name: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: "):
         read_text(tmp_path / name)
 
 
 @pytest.mark.parametrize("check", [require_writable, lambda file: write_text(file, "new")])
-def test_what_is_no_file_or_may_not_be_written_is_not_replaced(
+def test_special_and_read_only_files_are_not_replaced(
     check: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     os.mkfifo(tmp_path / "pipe")
@@ -134,7 +134,7 @@ def test_what_is_no_file_or_may_not_be_written_is_not_replaced(
     assert (tmp_path / "own").read_text() == "old"
 
 
-def test_a_file_stays_as_it_was_where_writing_fails(tmp_path: Path) -> None:
+def test_a_file_is_unchanged_if_writing_fails(tmp_path: Path) -> None:
     file = tmp_path / "a.bin"
     write_bytes(file, b"before")
 
@@ -150,7 +150,7 @@ def test_a_file_stays_as_it_was_where_writing_fails(tmp_path: Path) -> None:
     assert (file.read_bytes(), os.listdir(tmp_path)) == (b"before", ["a.bin"])
 
 
-def test_a_place_that_takes_no_file_is_named(tmp_path: Path) -> None:
+def test_an_unwritable_place_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
     for path in (tmp_path / "file" / "below.txt", tmp_path / "folder", tmp_path / ("long" * 70)):
@@ -161,7 +161,7 @@ def test_a_place_that_takes_no_file_is_named(tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
 
 
-def test_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
+def test_a_long_name_can_be_written(tmp_path: Path) -> None:
     file = tmp_path / ("n" * 255)
     write_text(file, "x")
     assert file.read_text() == "x"
@@ -176,7 +176,7 @@ def test_a_long_name_is_no_obstacle(tmp_path: Path) -> None:
         (b"\xff\xfe", "not a text file"),
     ],
 )
-def test_what_is_no_json_is_refused_in_one_line(tmp_path: Path, content: bytes, said: str) -> None:
+def test_invalid_json_is_refused_in_one_line(tmp_path: Path, content: bytes, said: str) -> None:
     file = tmp_path / "a.json"
     file.write_bytes(content)
     with pytest.raises(InputError, match=rf"^{file}: {said}") as caught:

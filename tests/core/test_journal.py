@@ -17,7 +17,7 @@ WORK = Work(
 )
 
 
-def test_what_was_finished_comes_back(tmp_path: Path):
+def test_finished_parts_are_read_back(tmp_path: Path):
     content = {"number": 1.0 / 3.0, "texts": ["a", "nan"], "not finite": [math.nan, math.inf, -math.inf]}
     with journal(tmp_path / "a" / "b", WORK) as kept:
         assert kept.finished() == {}
@@ -48,7 +48,7 @@ def test_what_was_finished_comes_back(tmp_path: Path):
         ({"kind": "investigation"}, "{}: holds a campaign, not an investigation"),
     ],
 )
-def test_other_work_is_refused_and_changes_nothing(tmp_path: Path, change: dict[str, object], words: str):
+def test_a_folder_of_other_work_is_refused_unchanged(tmp_path: Path, change: dict[str, object], words: str):
     with journal(tmp_path, WORK) as kept:
         kept.finish("one", 1)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.json")}
@@ -65,7 +65,7 @@ def test_damaged_settings_are_named(tmp_path: Path, text: str):
         pass
 
 
-def test_settings_that_somebody_edited_are_not_gone_on_with(tmp_path: Path):
+def test_edited_settings_are_refused(tmp_path: Path):
     with journal(tmp_path, WORK) as kept:
         kept.finish("one", 1)
     settings = tmp_path / SETTINGS
@@ -76,7 +76,7 @@ def test_settings_that_somebody_edited_are_not_gone_on_with(tmp_path: Path):
         begun(tmp_path, "campaign")
 
 
-def test_a_pipe_or_a_text_without_end_is_no_finished_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_pipe_or_an_oversized_text_is_no_finished_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("gyrowheel_core.files.LONGEST_TEXT", 1000)
     with journal(tmp_path, WORK) as kept:
         kept.finish("one", 1)
@@ -93,13 +93,13 @@ def test_a_damaged_part_is_not_finished(tmp_path: Path, text: str):
         assert kept.finished() == {"one": 1}
 
 
-def test_nothing_is_left_of_work_that_was_refused_before_it_began(tmp_path: Path):
+def test_work_refused_before_its_start_leaves_no_files(tmp_path: Path):
     with pytest.raises(InputError, match="no"), journal(tmp_path / "a" / "b", WORK):
         raise InputError("no")
     assert not any(tmp_path.iterdir())
 
 
-def test_what_was_finished_or_interrupted_stays(tmp_path: Path):
+def test_finished_and_interrupted_work_is_kept(tmp_path: Path):
     def work(folder: Path, error: BaseException) -> None:
         with journal(folder, WORK) as kept:
             if isinstance(error, InputError):
@@ -131,7 +131,7 @@ def test_a_folder_in_use_is_refused(tmp_path: Path):
     assert not (tmp_path / "new" / ".lock").exists()
 
 
-def test_a_name_with_bytes_that_are_no_text(tmp_path: Path):
+def test_a_name_with_undecodable_bytes(tmp_path: Path):
     """As the shell may give one: it is kept as it is, and gone on with."""
     work = WORK.model_copy(update={"settings": {"model": os.fsdecode(b"wheel \xff.yaml")}})
     with journal(tmp_path, work) as kept:

@@ -7,7 +7,7 @@ from gyrowheel_core.files import LARGEST_VARIABLE, largest_unpacked, require_roo
 from gyrowheel_core.yaml_text import read_yaml
 
 
-def test_what_is_too_large_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_oversized_file_is_refused_with_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     """The message names the file, what it needs, what is allowed, and what raises the limit."""
     require_room(1e9, "signals.mcap: it")
     monkeypatch.setenv(LARGEST_VARIABLE, "0.5")
@@ -21,7 +21,7 @@ def test_what_is_too_large_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("given", ["x", "-1", "0", "nan", "inf"])
-def test_limit_that_is_none(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_limit_is_refused(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """A limit that is no number above zero is refused, not ignored."""
     monkeypatch.setenv(LARGEST_VARIABLE, given)
     with pytest.raises(InputError, match="a number of gigabytes above 0"):

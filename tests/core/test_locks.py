@@ -54,7 +54,7 @@ def test_no_change_is_lost(tmp_path: Path) -> None:
     assert [place.name for place in tmp_path.iterdir()] == ["number"]
 
 
-def test_waiting_is_told_and_ends(tmp_path: Path) -> None:
+def test_waiting_for_a_lock_is_reported_and_ends(tmp_path: Path) -> None:
     """Who waits says so, and gives up with an error that names the file; a killed holder leaves nothing behind."""
     file = tmp_path / "wheel.yaml"
     holder = _process(_HOLDS, file)

@@ -74,7 +74,7 @@ def test_another_middleware_or_a_file_of_the_user_has_the_range_of_ros(
     assert os.environ[name] == value
 
 
-def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_of_the_user_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(RANGE, "SUBNET")
     monkeypatch.setenv(PROFILES, "")
     monkeypatch.delenv(PROFILES)
@@ -85,7 +85,7 @@ def test_what_the_user_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_handlers_kept")
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_signal_stops_a_node_that_comes_later(number: signal.Signals) -> None:
+def test_a_signal_stops_a_node_that_starts_later(number: signal.Signals) -> None:
     class Stopped:
         stops = 0
 
@@ -102,7 +102,7 @@ def test_a_signal_stops_a_node_that_comes_later(number: signal.Signals) -> None:
     assert node.stops == 2
 
 
-def test_help_ends_well(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_exits_with_success(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_node(NothingNode, ["--help"]) == ExitCode.OK
     assert capsys.readouterr().out.startswith("Does nothing.\n")
 
@@ -123,7 +123,7 @@ def test_priority_zero_changes_nothing() -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads have no names here")
-def test_the_thread_that_sends_again_does_not_keep_a_reader_from_its_core(
+def test_the_resending_thread_does_not_occupy_the_core_of_a_reader(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     given: dict[int, int] = {}
@@ -143,7 +143,7 @@ def test_the_thread_that_sends_again_does_not_keep_a_reader_from_its_core(
     assert given[os.getpid()] == 10
 
 
-def test_a_node_of_ones_own_has_the_priority_that_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_defined_node_has_its_requested_priority(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
     def keep_pace(level: int) -> dict[str, str]:
@@ -162,7 +162,7 @@ def test_a_node_of_ones_own_has_the_priority_that_it_asks_for(monkeypatch: pytes
     assert asked == [7]
 
 
-def test_a_priority_that_the_system_refuses_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_priority_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError
 
@@ -170,7 +170,7 @@ def test_a_priority_that_the_system_refuses_is_said(monkeypatch: pytest.MonkeyPa
     assert not raise_priority(10)
 
 
-def test_a_refused_priority_stands_in_the_diagnosis(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_priority_is_in_the_diagnostics(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(priority, "raise_priority", lambda level: level < 30)
     monkeypatch.setattr(priority, "lock_memory", lambda: False)
     assert priority.keep_pace(0) == {}
@@ -205,14 +205,14 @@ def test_memory_is_locked_only_without_a_limit() -> None:
 
 
 @pytest.mark.parametrize("domain", ["abc", "-1", "233", "9" * 400, "٣", "1.0"])
-def test_a_domain_that_is_none(domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_invalid_domain_is_refused(domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The middleware would end the process, with the exit code of a finding."""
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     with pytest.raises(InputError, match=r"^ROS_DOMAIN_ID: .* is not allowed; allowed: 0 \.\. 232$"):
         prepare_environment()
 
 
-def test_no_end_of_a_node_can_be_taken_for_a_finding_or_an_interruption() -> None:
+def test_exit_codes_of_nodes_differ_from_findings_and_interruptions() -> None:
     shell = pytest.importorskip("gyrowheel.cli.console")
     assert {shell.FINDING, shell.INTERRUPTED}.isdisjoint({int(code) for code in ExitCode})
     assert (ExitCode.BAD_INPUT, ExitCode.FAULT, ExitCode.CRASH) == (

@@ -48,7 +48,7 @@ def test_a_slice_of_a_recording_is_not_copied() -> None:
 
 
 @pytest.mark.parametrize("shape", [(11,), (3, 10), (3, 12), (1, 2, 11)])
-def test_another_shape_is_refused(shape: tuple[int, ...]) -> None:
+def test_readings_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match=r"must be \(n, 11\)"):
         Readings(np.zeros(shape))
 

@@ -50,7 +50,7 @@ def part(**changes: Any) -> dict[str, Any]:
     return content(parts={"one": {key: value for key, value in whole.items() if value is not ...}})
 
 
-def test_what_is_allowed_is_read() -> None:
+def test_valid_content_is_read() -> None:
     read = check(File, content(order=[1, 2]), "FILE")
     assert (read.parts["one"].value, read.order) == (1e-3, [1, 2])
     assert check(File, content(parts=None), "FILE").parts == {}
@@ -88,13 +88,13 @@ def test_what_is_allowed_is_read() -> None:
         (part(place=[[1, 2], [3, "x"]]), "FILE: parts.one.place.1.1: 'x' is not a number"),
     ],
 )
-def test_a_mistake_is_named_in_one_line(raw: Any, said: str) -> None:
+def test_an_invalid_field_is_reported_in_one_line(raw: Any, said: str) -> None:
     with pytest.raises(InputError) as caught:
         check(File, raw, "FILE", kind="file of parts")
     assert str(caught.value) == said
 
 
-def test_a_place_in_a_file_goes_before_the_field() -> None:
+def test_the_place_in_a_file_precedes_the_field() -> None:
     with pytest.raises(InputError, match=r"^FILE: here\.unit: missing"):
         check(Part, {"value": 1}, "FILE: here", separator=".")
 
@@ -104,7 +104,7 @@ KEYS = st.sampled_from(["schema", "name", "parts", "order", "unit", "value", "pl
 
 
 @given(st.recursive(SCALARS, lambda s: st.lists(s, max_size=3) | st.dictionaries(KEYS, s, max_size=4)))
-def test_whatever_is_read_there_is_one_line_or_none(raw: Any) -> None:
+def test_any_content_is_read_or_refused_in_one_line(raw: Any) -> None:
     said = []
     for read in (raw, content(parts={"one": raw}), part(place=raw), content(order=raw)):
         with contextlib.suppress(InputError):

@@ -100,7 +100,7 @@ _STOPS_HALF_WAY = """
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])
-def test_what_a_killed_process_left_is_taken_away(kind: str, tmp_path: Path) -> None:
+def test_remains_of_a_killed_process_are_removed(kind: str, tmp_path: Path) -> None:
     """Nothing is at the path, what is beside it goes when the path is written the next time."""
     path = tmp_path / "target"
     process = subprocess.Popen(
@@ -123,7 +123,7 @@ def test_what_a_killed_process_left_is_taken_away(kind: str, tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_what_another_process_has_on_its_way_stays(tmp_path: Path) -> None:
+def test_unfinished_files_of_a_running_process_are_kept(tmp_path: Path) -> None:
     """Two at once do not take each other's for left behind, nor a file of the user that is called alike."""
     path = tmp_path / "a.yaml"
     others = [tmp_path / ".a.yaml.0123", tmp_path / ".a.yaml.0123456789ag", tmp_path / ".b.yaml.0123456789ab"]

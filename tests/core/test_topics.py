@@ -16,14 +16,14 @@ def test_the_table_has_every_topic_once() -> None:
 
 
 @EVERY
-def test_the_type_is_installed_and_has_that_name(topic: Topic) -> None:
+def test_every_topic_type_is_installed_under_its_name(topic: Topic) -> None:
     package, _, name = topic.type_name.split("/")
     assert topic.message_class.__name__ == name
     assert topic.message_class.__module__.startswith(f"{package}.msg")
 
 
 @EVERY
-def test_delivery_is_reliable_and_latched_where_it_says_so(topic: Topic) -> None:
+def test_delivery_is_reliable_and_latched_as_declared(topic: Topic) -> None:
     qos = topic.qos
     assert qos.reliability == ReliabilityPolicy.RELIABLE
     assert qos.depth == topic.depth

@@ -43,7 +43,7 @@ def test_sentences_and_tables_agree_on_the_unit() -> None:
     assert number(math.inf) == "–"
 
 
-def test_what_is_written_in_another_unit_is_converted() -> None:
+def test_values_in_another_unit_are_converted() -> None:
     assert conversion("degC", "K") == pytest.approx((273.15, 1.0))
     assert conversion("deg", "rad")[1] == pytest.approx(DEG, rel=1e-15)
     for unit, said in (("Hz", "two ways"), ("m", "cannot be converted"), ("xyzzy", "is no unit")):
@@ -57,6 +57,6 @@ def test_units_are_known(unit: str) -> None:
 
 
 @pytest.mark.parametrize("unit", ["wheel", "furlongs/fortnite", "N*wheel"])
-def test_what_is_no_unit_is_refused(unit: str) -> None:
+def test_unknown_units_are_refused(unit: str) -> None:
     with pytest.raises(pint.UndefinedUnitError):
         require_unit(unit)

@@ -134,7 +134,7 @@ def test_declaration_is_that_of_the_message_definition(topic):
 
 
 @BY_NAME
-def test_what_has_another_layout_is_refused(topic):
+def test_messages_of_another_layout_are_refused(topic):
     layout = topic.layout
     good = layout.array(1).tobytes()
     assert layout.unpack(good)[0] == 0
@@ -166,7 +166,7 @@ def test_values_that_do_not_fit_are_refused():
         wire.COMMAND.pack(2**31 * wire.SECOND, 1, 1.0, 2.0, 3.0)
 
 
-def test_padding_is_never_looked_at():
+def test_padding_is_ignored():
     data = bytearray(wire.COMMAND.pack(5, 6, 1.0, 2.0, 3.0))
     end = data.index(b"case\0") + 5
     data[end : end + 3] = b"\xff\xff\xff"  # the ROS serializer leaves there what was in memory
@@ -174,7 +174,7 @@ def test_padding_is_never_looked_at():
 
 
 @given(text=st.text())
-def test_text(text):
+def test_a_text_is_packed_and_unpacked(text):
     store = get_typestore(Stores.ROS2_JAZZY)
     decoded: Any = store.deserialize_cdr(wire.pack_text(text), "std_msgs/msg/String")
     assert decoded.data == text
@@ -182,12 +182,12 @@ def test_text(text):
 
 
 @pytest.mark.parametrize("bad", [b"", b"\0\1\0\0", wire.pack_text("abc")[:-1], b"\0\0\0\0\0\0\0\1\0"])
-def test_damaged_text(bad):
+def test_a_damaged_text_is_refused(bad):
     with pytest.raises(ValueError, match="std_msgs/msg/String"):
         wire.unpack_text(bad)
 
 
-def test_stamp_of_what_has_none():
+def test_a_message_without_a_stamp_is_refused():
     for bad in (b"", b"\0\1\0\0", bytes(12), struct.pack("<4siI", b"\0\1\0\0", -1, 0)):
         with pytest.raises(ValueError, match="stamp"):
             wire.stamp(bad)

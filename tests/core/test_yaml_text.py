@@ -30,7 +30,7 @@ def test_content_and_anchors_are_read() -> None:
     ],
     ids=["key twice", "cut off", "endless", "deep", "no date", "too many", "merged", "base 60"],
 )  # fmt: skip
-def test_what_is_no_sound_yaml_is_refused_in_one_line(text: str, why: str) -> None:
+def test_invalid_yaml_is_refused_in_one_line(text: str, why: str) -> None:
     with pytest.raises(InputError) as caught:
         read_yaml(text, "wheel.yaml")
     said = str(caught.value)

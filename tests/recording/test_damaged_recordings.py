@@ -79,7 +79,7 @@ def test_damaged_database_is_refused_or_read(tmp_path):
             assert_counting(got)
 
 
-def test_database_whose_tables_are_described_in_no_text(tmp_path):
+def test_database_with_a_table_description_that_is_no_text_is_refused(tmp_path):
     messages = [(k, data) for k, data in enumerate(measurements())]
     path = foreign(tmp_path / "bag", messages, plugin=StoragePlugin.SQLITE3)
     file = next(path.glob("*.db3"))
@@ -136,7 +136,7 @@ def test_wrong_metadata(tmp_path, text, what):
         Recording.open(tmp_path)
 
 
-def test_other_paths_are_refused_as_recordings(directory, tmp_path):
+def test_paths_without_a_recording_are_refused(directory, tmp_path):
     with pytest.raises(InputError, match="nowhere: no such recording"):
         Recording.open(tmp_path / "nowhere")
     with pytest.raises(InputError, match=r"no metadata.yaml: this is no recording"):
@@ -152,7 +152,7 @@ def test_other_paths_are_refused_as_recordings(directory, tmp_path):
             Recording.open(tmp_path / name)
 
 
-def test_without_measurements(tmp_path):
+def test_recording_without_measurements_is_refused(tmp_path):
     with RecordingWriter(tmp_path / "empty"):
         pass
     with pytest.raises(

@@ -80,7 +80,7 @@ def test_database_without_message_tables_is_refused(text: str, said: str, tmp_pa
 
 
 @pytest.mark.parametrize("name", ["50%3F", "a?mode=memory", "b#c", " d&e=f "])
-def test_a_path_that_means_something_in_an_address(name: str, tmp_path: Path) -> None:
+def test_a_path_with_uri_characters_is_read(name: str, tmp_path: Path) -> None:
     """It is the file that is read."""
     assert_counting(Recording.open(counted(tmp_path / "bag").rename(tmp_path / name)))
 

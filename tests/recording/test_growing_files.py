@@ -65,7 +65,9 @@ def bag(tmp_path: Path) -> Path:
     return folder
 
 
-def test_file_that_unpacks_without_end(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_that_unpacks_beyond_the_limit_is_refused(
+    bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is refused after a part of it, by every reader, and nothing is written to the disk."""
     monkeypatch.setenv("TMPDIR", "/proc/no/such/place")
     for use in (Recording.open, read_grid):
@@ -79,7 +81,9 @@ def test_file_that_unpacks_without_end(bag: Path, tmp_path: Path, monkeypatch: p
         Recording.open(bag)
 
 
-def test_messages_beyond_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_beyond_the_memory_limit_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A recording of more than the limit is refused with the topic and the variable named."""
     with RecordingWriter(tmp_path / "run") as writer:
         writer.write(topics.BENCH, wire.pack_text("x" * 3_000_000), 0)
@@ -213,7 +217,7 @@ def test_a_structure_of_matlab_that_unpacks_without_end(
         read_grid(tmp_path / "t.mat")
 
 
-def test_an_old_matlab_file_that_leads_back(tmp_path: Path) -> None:
+def test_an_old_matlab_file_with_a_negative_size_is_refused(tmp_path: Path) -> None:
     """A variable of less than nothing, behind which the same one follows for ever."""
     (tmp_path / "t.mat").write_bytes(struct.pack("<5i", 0, -1, 1, 0, 2) + b"x\0")
     with pytest.raises(InputError, match="damaged: at byte 0 there is no variable"):
@@ -234,7 +238,7 @@ def test_records_of_hdf5_count_with_their_bytes(tmp_path: Path) -> None:
         read_grid(tmp_path / "t.h5")
 
 
-def test_numbers_of_hdf5_that_are_elsewhere_are_not_read(tmp_path: Path) -> None:
+def test_external_and_virtual_datasets_of_hdf5_are_not_read(tmp_path: Path) -> None:
     import h5py
 
     os.mkfifo(tmp_path / "pipe")
@@ -306,7 +310,9 @@ def measured(file: Path, *, packed: int = 0, formula: str = "") -> bytearray:
     return bytearray(file.read_bytes())
 
 
-def test_packed_blocks_of_mdf_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compressed_blocks_of_mdf_count_towards_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "t.mf4"
     content = measured(file, packed=1)
     assert np.array_equal(read_grid(file).columns["x"].values, np.zeros(20_000))
@@ -456,7 +462,9 @@ _EMPTY = "=" * 80 + "\nMSG: a/C\n"
     ],
     ids=["lists", "arrays", "itself", "texts", "checksum", "unknown"],
 )
-def test_types_of_ros_1_that_grow(definition: str, digest: str, said: str, tmp_path: Path) -> None:
+def test_nested_types_of_ros_1_beyond_the_limit_are_refused(
+    definition: str, digest: str, said: str, tmp_path: Path
+) -> None:
     message = a_record({"op": b"\2", "conn": bytes(4), "time": bytes(8)}, struct.pack("<I", 1 << 31))
     chunk = a_connection(definition, digest) + message
     bag = ros1_bag(tmp_path / "t.bag", "none", len(chunk), chunk)
@@ -467,7 +475,7 @@ def test_types_of_ros_1_that_grow(definition: str, digest: str, said: str, tmp_p
         assert str(refused.value).startswith(f"{bag}: ")
 
 
-def test_a_message_without_end_in_a_bag(tmp_path: Path) -> None:
+def test_a_message_of_a_bag_beyond_the_limit_is_refused(tmp_path: Path) -> None:
     """A list of more than there is, in ROS 1, and in ROS 2 of messages without anything in them."""
     message = a_record({"op": b"\2", "conn": bytes(4), "time": bytes(8)}, struct.pack("<I", 1 << 31))
     chunk = a_connection("float64[] x\n") + message
@@ -496,7 +504,7 @@ def test_a_bag_of_ros_1_with_another_index(tmp_path: Path) -> None:
         read_grid(bag)
 
 
-def test_a_database_that_is_no_bag_is_not_run_by_import(tmp_path: Path) -> None:
+def test_import_runs_no_code_of_a_database_that_is_no_bag(tmp_path: Path) -> None:
     connection = sqlite3.connect(tmp_path / "t.db3")
     connection.executescript(
         "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);"

@@ -86,7 +86,7 @@ def test_unsupported_metadata_is_refused(tmp_path: Path, changes: dict[str, Any]
     assert said in str(caught.value)
 
 
-def test_no_metadata_is_one_line(tmp_path: Path) -> None:
+def test_missing_metadata_are_reported_in_one_line(tmp_path: Path) -> None:
     file = tmp_path / METADATA_FILE
     with pytest.raises(InputError, match="cannot be read"):
         read_metadata(file)

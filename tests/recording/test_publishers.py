@@ -54,7 +54,7 @@ def test_ambiguous_publishers_have_no_counts() -> None:
 
 
 @given(st.lists(st.booleans(), max_size=60), st.integers(0, 100))
-def test_any_order_is_divided_rightly_or_not_at_all(others: list[bool], before: int) -> None:
+def test_messages_in_any_order_are_divided_correctly_or_refused(others: list[bool], before: int) -> None:
     """However the messages of a publisher, and of one that comes later, are mixed."""
     order = [False] * (before + 1) + others
     numbers, following = [], [1, 1]

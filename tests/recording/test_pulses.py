@@ -83,7 +83,7 @@ def test_pulses_shorter_than_a_sample_are_seen_now_and_then() -> None:
     assert float(np.sqrt(np.mean(wrong**2))) < 3.0 * found.uncertainty < 0.3
 
 
-def test_without_a_speed_the_edges_say_it_too() -> None:
+def test_speed_is_computed_from_the_edges_if_not_recorded() -> None:
     time, angle, _ = machine()
     found = angle_from_pulses(time, None, edges_of_level(time, level(angle, 3)), 3)
     wrong = off(found.angle, angle, 3)
@@ -91,7 +91,7 @@ def test_without_a_speed_the_edges_say_it_too() -> None:
     assert "the speed is taken from the pulses, too" in found.remarks
 
 
-def test_levels_counts_and_times_say_the_same() -> None:
+def test_levels_counts_and_times_give_the_same_edges() -> None:
     time, angle, rate = machine(6.0)
     exact = np.interp(np.arange(1, math.floor(angle[-1] / TURN) + 1) * TURN, angle, time)
     count = np.floor(angle / TURN)

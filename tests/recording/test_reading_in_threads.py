@@ -98,7 +98,7 @@ def read(path, way):
     return result
 
 
-def test_loops_loaded_beforehand_are_those_that_read(own):
+def test_preloaded_loops_are_used_for_reading(own):
     """In a process of its own: what was loaded once stays."""
     code = f"""
 from gyrowheel_recording.bags import load_loops
@@ -123,7 +123,7 @@ def test_recording_is_the_same_by_any_number_of_threads(own):
     assert all(other == first for other in others)
 
 
-def test_recording_of_ours_is_read_by_the_compiled_loops_alone(own, monkeypatch):
+def test_compiled_loops_alone_read_an_own_recording(own, monkeypatch):
     expected = read(own, {"compiled": True})
 
     def other(*_):
@@ -160,7 +160,7 @@ def test_recording_comes_back_exactly(own, run, monkeypatch):
         {"use_chunking": False, "enable_data_crcs": True},
     ],
 )
-def test_files_of_others(kind, tmp_path):
+def test_files_of_other_writers_are_read_in_every_way(kind, tmp_path):
     path = foreign(tmp_path / "file.mcap", measurements(1000), **kind)
     first, *others = (read(path, way) for way in WAYS)
     assert all(other == first for other in others)
@@ -195,7 +195,7 @@ def test_wrong_counts_in_the_summary_cause_no_wrong_result(own, stated, monkeypa
     assert read(own, WAYS[1]) == expected
 
 
-def test_stated_counts_are_found(own):
+def test_stated_counts_are_read(own):
     size = own.stat().st_size
     with own.open("rb") as file:
 
@@ -237,7 +237,7 @@ def test_damage_has_the_same_message_in_every_way_of_reading(own, tmp_path):
         assert refused(path, 3, compiled=True) == said
 
 
-def test_time_that_is_another_one_with_a_sign_is_damage_to_either_way(tmp_path):
+def test_time_beyond_the_signed_range_is_damage_in_every_way_of_reading(tmp_path):
     """The index has it as a number below zero, of the same bytes."""
     time, data = 2**63 + 5, measurements(1)[0]
     path = tmp_path / "signed.mcap"
@@ -247,7 +247,7 @@ def test_time_that_is_another_one_with_a_sign_is_damage_to_either_way(tmp_path):
     assert "and its index differ" in said.pop()
 
 
-def test_damage_that_another_thread_meets(own, tmp_path, monkeypatch):
+def test_damage_found_by_another_thread_is_reported(own, tmp_path, monkeypatch):
     """Who has the first batch waits until another one has failed in the second; no thread is left."""
     data = bytearray(own.read_bytes())
     data[30_000] ^= 1
@@ -274,7 +274,7 @@ def test_damage_that_another_thread_meets(own, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("threads", THREADS)
-def test_file_that_is_cut_while_it_is_read(own, threads, tmp_path, monkeypatch):
+def test_file_truncated_while_it_is_read_is_refused(own, threads, tmp_path, monkeypatch):
     """It is refused; nothing of it is mapped into memory, where reading would end the program."""
     path = Path(shutil.copy(own, tmp_path / "cut.mcap"))
 
@@ -294,7 +294,7 @@ def test_limit_is_the_same_by_any_number_of_threads(own, monkeypatch):
     assert "needs 0.0005" in said.pop()
 
 
-def test_error_of_ours_and_interrupts_come_through(own, monkeypatch):
+def test_errors_and_interrupts_of_threads_are_raised(own, monkeypatch):
     """Whichever thread they come in, no other thread goes on."""
     before = threading.active_count()
     for kind in (KeyboardInterrupt, ZeroDivisionError):

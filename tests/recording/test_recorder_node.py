@@ -63,7 +63,7 @@ def test_count_of_samples(sequences, samples, missing):
     assert (count.samples, count.missing) == (samples, missing)
 
 
-def test_another_run_is_noticed(tmp_path):
+def test_samples_of_another_run_are_detected(tmp_path):
     session = LiveRecording(str(tmp_path / "run"))
     assert all(session.take(topics.MEASUREMENT, measurement(k)) for k in range(5))
     assert not session.take(topics.MEASUREMENT, measurement(0))
@@ -154,7 +154,7 @@ def test_split_by_size(tmp_path):
         assert sum(1 for _ in reader.messages()) == 2000
 
 
-def test_loss_is_stated_in_the_metadata(tmp_path):
+def test_lost_samples_are_counted_in_the_metadata(tmp_path):
     session = LiveRecording(str(tmp_path / "run"))
     take(session, 0, 10)
     take(session, 14, 20)
@@ -451,7 +451,7 @@ def test_recorder_from_start_to_signal(tmp_path, number):
 
 
 @pytest.mark.graph
-def test_of_a_topic_that_others_keep_little_of_every_message_is_recorded(tmp_path):
+def test_every_message_of_a_topic_with_a_small_publisher_queue_is_recorded(tmp_path):
     topic = topics.JOINT_STATES
     with Graph(f"directory:={tmp_path / 'run'}") as graph:
         qos = topic.qos
@@ -484,7 +484,7 @@ def test_killed_recorder_loses_two_flush_periods_at_most(tmp_path):
 
 
 @pytest.mark.graph
-def test_services(tmp_path):
+def test_recorder_services(tmp_path):
     with Graph("record_clock:=true") as graph:
         assert graph.call(StopRecording, "stop").message == "not recording"
         assert graph.call(SplitRecording, "split").message == "not recording"

@@ -116,7 +116,7 @@ def test_definition_has_units_and_contained_types():
         definition("no_msgs/msg/Thing")
 
 
-def test_one_by_one_or_as_columns_is_the_same(run, directory, tmp_path):
+def test_messages_written_singly_or_as_columns_are_identical(run, directory, tmp_path):
     """A recorder that is given the messages one by one, with small chunks and in several files."""
     with (
         AnyReader([directory]) as reader,
@@ -144,7 +144,7 @@ def test_one_by_one_or_as_columns_is_the_same(run, directory, tmp_path):
     chunk_size=st.integers(1, 3000),
     one_by_one=st.booleans(),
 )
-def test_any_messages_come_back(blocks, chunk_size, one_by_one, tmp_path_factory):
+def test_any_messages_are_read_back(blocks, chunk_size, one_by_one, tmp_path_factory):
     path = tmp_path_factory.mktemp("mcap") / "file.mcap"
     writer = McapWriter(path, chunk_size=chunk_size)
     channels = [writer.add_channel(f"/t{k}", "std_msgs/msg/String", "string data", {}) for k in range(3)]

@@ -80,7 +80,7 @@ def test_replay_yields_every_message_once_unchanged(recording: Path) -> None:
     assert due == sorted(due)
 
 
-def test_setpoints_run_ahead_of_the_samples_that_they_are_for(recording: Path) -> None:
+def test_setpoints_are_replayed_ahead_of_their_samples(recording: Path) -> None:
     for lead in (0.0, 0.25):
         latest = -1
         for due, topic, data in given_back(recording, setpoint_lead=lead):
@@ -134,9 +134,7 @@ def test_missing_topics_and_ranges_are_refused(
         assert word in str(caught.value)
 
 
-def test_a_damaged_recording_is_refused_before_anything_is_given_back(
-    recording: Path, tmp_path: Path
-) -> None:
+def test_a_damaged_recording_is_refused_before_replay_starts(recording: Path, tmp_path: Path) -> None:
     whole = bytearray((recording / "run_0.mcap").read_bytes())
     folder = tmp_path / "run"
     folder.mkdir()
@@ -166,7 +164,7 @@ def test_a_damaged_recording_is_refused_before_anything_is_given_back(
         (StoragePlugin.MCAP, CompressionMode.STORAGE),
     ],
 )
-def test_bags_of_others_are_given_back_too(
+def test_bags_of_other_writers_are_replayed(
     tmp_path: Path,
     storage: StoragePlugin,
     compression: CompressionMode | None,
@@ -208,7 +206,7 @@ def test_a_topic_of_another_type_is_refused(tmp_path: Path) -> None:
         given_back(tmp_path / "bag")
 
 
-def test_the_reader_under_it_sees_the_same(recording: Path) -> None:
+def test_the_reader_sees_the_same_selection(recording: Path) -> None:
     with Reader(recording) as reader:
         plain = sorted((time, connection.topic, bytes(data)) for connection, time, data in reader.messages())
     mine = given_back(recording, setpoint_lead=0.0)
@@ -218,7 +216,7 @@ def test_the_reader_under_it_sees_the_same(recording: Path) -> None:
 # --- pace
 
 
-def test_pace_without_a_limit_and_standing_still() -> None:
+def test_pace_without_a_limit_and_at_standstill() -> None:
     pace = Pace(0.0, 100, paused=True)
     assert pace.limit(1.0) == 100
     pace.go(150)
@@ -234,7 +232,7 @@ def test_pace_without_a_limit_and_standing_still() -> None:
     rate=st.floats(0.01, 100.0),
     events=st.lists(st.tuples(st.floats(0.0, 10.0), st.sampled_from(["hold", "go"])), max_size=12),
 )
-def test_pace_moves_only_while_it_goes(rate: float, events: list[tuple[float, str]]) -> None:
+def test_pace_advances_only_while_running(rate: float, events: list[tuple[float, str]]) -> None:
     """Whatever is held and let go, the position is the rate times the time for which it went."""
     pace = Pace(rate, 0)
     now = went = 0.0

@@ -90,7 +90,7 @@ def saved(tmp_path, source):
     return result, recording
 
 
-def test_whole_recording(tmp_path, whole):
+def test_salvage_of_an_intact_recording(tmp_path, whole):
     result, recording = saved(tmp_path, whole)
     assert result.complete
     assert (result.missing, result.lost_at_end, result.broken_off, result.losses, result.notes) == (
@@ -107,7 +107,7 @@ def test_whole_recording(tmp_path, whole):
 
 
 @pytest.mark.parametrize("part", [0.1, 0.35, 0.5, 0.77, 0.97])
-def test_file_that_breaks_off(tmp_path, data, part):
+def test_salvage_of_a_truncated_file(tmp_path, data, part):
     size = int(part * len(data))
     complete = [stop for _, stop in chunks(data) if stop <= size]
     result, recording = saved(tmp_path, broken(tmp_path, data[:size]))
@@ -227,7 +227,7 @@ def test_other_files_cannot_be_salvaged(tmp_path, whole, data):
     assert not (tmp_path / "new").exists()
 
 
-def test_recording_on_its_way_is_left_alone(tmp_path):
+def test_recording_in_progress_is_not_salvaged(tmp_path):
     writer = RecordingWriter(tmp_path / "live")
     for topic, stamp, message in messages(50):
         writer.write(topic, message, stamp)
@@ -273,7 +273,7 @@ def test_second_copy_of_a_file(tmp_path, whole, named):
     assert len(recording.measurement) == SAMPLES
 
 
-def test_every_file_is_taken_if_asked_for(tmp_path, whole):
+def test_every_file_is_salvaged_on_request(tmp_path, whole):
     """With every file the copies are there, told and not counted as whole; reading gives each message once."""
     folder = tmp_path / "folder"
     shutil.copytree(whole, folder)
@@ -377,7 +377,7 @@ def test_salvage_on_a_full_disk(tmp_path, whole):
         salvage(whole, target)
 
 
-def test_command(tmp_path, data, capsys):
+def test_salvage_command(tmp_path, data, capsys):
     file = broken(tmp_path, data[: len(data) // 2])
     assert run(app, ["salvage", str(file), "-o", str(tmp_path / "saved"), "--json", "-"]) == 0
     content = json.loads(capsys.readouterr().out)

@@ -58,7 +58,7 @@ EVERY_TIME = (
         for name, *wrong in WRONG
     ],
 )
-def test_wrong_setup_is_named_and_its_cure_brings_the_readings_back(
+def test_wrong_setup_is_named_and_its_fix_restores_the_readings(
     right: Recording, bench: Bench, spoil: Spoil, kind: str, columns: tuple[str, ...]
 ) -> None:
     wrong = spoilt(right, spoil)
@@ -151,13 +151,13 @@ def test_wrong_setup_is_found_with_missing_readings(right: Recording, bench: Ben
     ],
 )
 @pytest.mark.slow
-def test_right_recordings_are_not_accused(bench: Bench, plan: str, effects: dict[str, Any]) -> None:
+def test_correct_recordings_have_no_wrong_setup(bench: Bench, plan: str, effects: dict[str, Any]) -> None:
     recording = gw.simulate(plan, effects=effects, machine=8, seed=1).data
     bare = replace(recording, setpoint=recording.setpoint[:0], command=recording.command[:0])
     assert not wrong_setups([recording, bare], bench)
 
 
-def test_constants_that_are_half_as_large_again_are_no_setup(right: Recording) -> None:
+def test_constants_off_by_half_are_no_wrong_setup(right: Recording) -> None:
     stated = Bench.load()
     for name in ("coil_constant", "rotor_inertia_z", "motor_constant", "flexure_stiffness_x"):
         for factor in (0.55, 1.45):
@@ -187,7 +187,7 @@ def test_corrected_recording_is_whole(right: Recording, tmp_path: Path) -> None:
         (Fix(shift={"tilt_x": 1e4}), "nothing is left"),
     ],
 )
-def test_corrections_that_make_no_sense_are_refused(right: Recording, cure: Fix, what: str) -> None:
+def test_invalid_corrections_are_refused(right: Recording, cure: Fix, what: str) -> None:
     with pytest.raises(InputError, match=what):
         corrected(right.measurement, cure)
 
@@ -226,7 +226,7 @@ def test_recordings_of_one_machine_belong_together(right: Recording, bench: Benc
     assert not wrong_setups(unnamed, bench)
 
 
-def test_a_first_block_of_one_sample_turns_as_fast_as_the_next(right: Recording) -> None:
+def test_a_first_block_of_one_sample_has_the_speed_of_the_next(right: Recording) -> None:
     """Nearly all samples lack one of the readings: the first block has one that is whole, and none before it."""
     rows = right.measurement[:2000].copy()
     kept = [0, 40, 58]

@@ -95,7 +95,7 @@ def test_a_range_is_that_of_the_converted_value() -> None:
 
 
 @pytest.mark.parametrize("name", Bench.shipped())
-def test_the_units_of_a_shipped_bench_are_those_that_are_needed(name: str) -> None:
+def test_a_shipped_bench_uses_the_required_units(name: str) -> None:
     """Nothing is converted in them: values, uncertainties and what recordings carry are as the files say."""
     file = {"gyrowheel": "bench.yaml", "dtg": "dtg.yaml"}[name]
     text = resources.files("gyrowheel_sim").joinpath(f"config/{file}").read_text(encoding="utf-8")

@@ -153,7 +153,7 @@ def test_effects_scale_with_the_flexure_torque_of_a_bench(effect, bench):
         assert low <= c.default <= high
 
 
-def test_on_the_default_bench_nothing_changes():
+def test_scaling_changes_nothing_on_the_default_bench():
     assert all(for_bench(effect, DEFAULT) is effect for effect in registry().values())
     assert torque_scale(DEFAULT) == 1.0
     assert torque_scale(DTG) == pytest.approx(0.0882, abs=1e-4)

@@ -37,7 +37,7 @@ def test_invalid_key_file_is_refused(tmp_path: Path, text: str, words: list[str]
 
 
 @pytest.mark.parametrize("kind", ["none", "single", "pair", "outside"])
-def test_every_key_that_was_drawn_can_be_used_again(tmp_path: Path, kind: str):
+def test_every_drawn_key_is_read_back(tmp_path: Path, kind: str):
     bench, key = Bench.load(), tmp_path / "key.json"
     for seed in range(12):
         key.unlink(missing_ok=True)

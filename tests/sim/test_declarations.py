@@ -35,7 +35,7 @@ def declaration(**changes: Any) -> dict[str, Any]:
     return {key: value for key, value in {**base, **changes}.items() if value is not ...}
 
 
-def test_a_declaration_in_full() -> None:
+def test_a_complete_declaration_is_read() -> None:
     effect = effect_from_mapping(
         "stator_pull",
         declaration(

@@ -68,7 +68,7 @@ def test_hold_in_closed_loop(figures):
 
 
 @EACH_SPEED
-def test_balance_meets_full_simulation(figures):
+def test_balance_agrees_with_full_simulation(figures):
     run = quiet_run(hold_plan(figures.rpm, 0.0, 3.0))
     time = np.arange(len(run.measurement), dtype=np.float64) * BENCH.sample_period
     samples = Samples(
@@ -146,7 +146,7 @@ def test_nutation_frequency_in_simulation():
     assert frequency == pytest.approx(97.8, abs=0.15)
 
 
-def test_one_step_a_sample_makes_no_false_torque():
+def test_one_step_per_sample_causes_no_false_torque():
     """Less than 1e-6 N m of false torque at 5 deg and 3500 rpm; a step sixteen times finer is the truth.
 
     The loop, not a prescribed torque, holds the tilt in both: its integral keeps the mean reading exactly at the
@@ -259,7 +259,7 @@ def test_ramp_settles(rpm):
     assert np.abs(error).max() < 0.015 * DEG
 
 
-def test_no_nutation_damper_no_stability():
+def test_without_the_nutation_damper_the_loop_is_unstable():
     """At 1000 rpm the nutation grows some fiftyfold in 0.8 s without the damper; with it, it dies out."""
 
     def nutation(damping: float, after: float) -> float:
@@ -276,7 +276,7 @@ def test_no_nutation_damper_no_stability():
 
 
 @pytest.mark.parametrize(("tilt", "least", "most"), [(3.0, 0.05e-3, 0.01e-3), (5.0, 0.25e-3, 0.03e-3)])
-def test_spin_loop_that_passes_2n_makes_a_false_cross_torque(tilt, least, most):
+def test_spin_loop_that_passes_2n_causes_a_false_cross_torque(tilt, least, most):
     """A spin loop that answers the ripple of the shaft makes a 2N current, which at a tilt is rectified.
 
     It looks like a cross torque of the air. The default loop leaves only the small current of the back-EMF.

@@ -389,7 +389,7 @@ def random_motion(rng: np.random.Generator) -> tuple[Any, Any, Any]:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_eq_6_against_mujoco(seed):
+def test_eq_6_agrees_with_mujoco(seed):
     rng = np.random.default_rng(seed)
     r, g, m = body_inertia(rng, 1e-3), body_inertia(rng, 1e-4), float(rng.uniform(1e-5, 1e-3))
     angles, rates, accelerations = random_motion(rng)
@@ -412,7 +412,7 @@ def turning() -> Any:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_turning_case_against_mujoco(turning, seed):
+def test_turning_case_agrees_with_mujoco(turning, seed):
     """A rate table: the case turns and speeds up about all three axes."""
     rng = np.random.default_rng(100 + seed)
     r, g, m = body_inertia(rng, 1e-3), body_inertia(rng, 1e-4), float(rng.uniform(1e-5, 1e-3))
@@ -623,7 +623,7 @@ def test_flexure_forces_of_the_plant():
 
 
 @pytest.mark.parametrize("difference", [0.0, 2e-5])
-def test_an_uneven_rotor_beats_at_twice_the_spin_less_the_nutation(difference):
+def test_an_asymmetric_rotor_beats_at_twice_the_spin_minus_the_nutation(difference):
     """Free nutation of a rotor with Irx and Iry apart has a second line, at 2 Omega - omega_n; a round one has none.
 
     Remark 1 of the paper names such beat frequencies. The gimbal, which follows one of the two tilts at a time, makes a

@@ -57,7 +57,7 @@ def test_declaration_is_complete(effect):
 
 
 @EACH
-def test_coefficients_are_sane(effect):
+def test_coefficients_have_valid_ranges(effect):
     for c in effect.coefficients:
         unit_registry().parse_units(c.unit)
         assert c.description.strip()
@@ -566,7 +566,7 @@ def test_regressor_is_what_the_simulation_shows(effect: Effect, coefficient: Coe
         assert error <= 0.01 * size + 0.2, x
 
 
-def test_model_without_effects_meets_the_simulation():
+def test_model_without_effects_agrees_with_the_simulation():
     """What is left of the rows when nothing is missing: holds within 3.5e-6 N m, cones within 3e-5 N m."""
     balance = simulated("quick", None)
     left, moving = residual(balance), balance.windows.moving

@@ -98,13 +98,13 @@ HELD = {"coil_voltage": Reading.coil_voltage_x, "motor_voltage": Reading.motor_v
 
 @pytest.mark.parametrize("delay", [0.2e-3, 0.5e-3, 1.35e-3, -0.15e-3, -0.5e-3])
 @pytest.mark.parametrize("column", TILTS, ids=lambda c: c.name)
-def test_a_late_tilt_is_that_of_the_earlier_instant(column: Reading, delay: float) -> None:
+def test_a_delayed_tilt_is_that_of_the_earlier_instant(column: Reading, delay: float) -> None:
     # what lies ahead is extrapolated, and the runout turns by 9 degrees in one sample
     compared({"tilt_delay": delay}, column, later(truth()[:, column], delay), 5e-7 if delay > 0.0 else 2e-6)
 
 
 @pytest.mark.parametrize("delay", [0.25e-3, 2.0e-3, -0.1e-3])
-def test_a_late_angle_is_that_of_the_earlier_instant(delay: float) -> None:
+def test_a_delayed_angle_is_that_of_the_earlier_instant(delay: float) -> None:
     late = driven({"spin_angle_delay": delay})[:, Reading.spin_angle]
     error = np.angle(np.exp(1j * (late - later(truth()[:, Reading.spin_angle], delay))))[30:-2]
     assert np.abs(error).max() < 1e-6
@@ -112,26 +112,26 @@ def test_a_late_angle_is_that_of_the_earlier_instant(delay: float) -> None:
 
 @pytest.mark.parametrize("delay", [0.5e-3, 1.0e-3, -0.5e-3, 0.15e-3, -0.3e-3])
 @pytest.mark.parametrize("channel", HELD)
-def test_a_late_voltage_is_the_mean_of_the_earlier_period(channel: str, delay: float) -> None:
+def test_a_delayed_voltage_is_the_mean_of_the_earlier_period(channel: str, delay: float) -> None:
     column = HELD[channel]
     expected = later(mean_of_period(truth()[:, column]), delay)
     compared({f"{channel}_delay": delay}, column, expected, 1e-9)
 
 
-def test_just_after_the_latch_a_voltage_is_that_of_the_next_interval() -> None:
+def test_a_voltage_read_just_after_the_latch_is_that_of_the_next_interval() -> None:
     now, after = driven({}), driven({"coil_voltage_delay": -PERIOD, "motor_voltage_delay": -PERIOD})
     for column in (Reading.coil_voltage_x, Reading.coil_voltage_y, Reading.motor_voltage):
         np.testing.assert_allclose(after[:-1, column], now[1:, column], rtol=0.0, atol=1e-12)
 
 
-def test_a_late_current_shows_earlier_voltage_and_speed() -> None:
+def test_a_delayed_current_shows_earlier_voltage_and_speed() -> None:
     late, now = driven({"motor_current_delay": PERIOD}), driven({})
     np.testing.assert_allclose(late[1:, Reading.motor_current], now[:-1, Reading.motor_current], atol=1e-12)
 
 
 @pytest.mark.parametrize(("time", "order"), [(0.1e-3, 1), (0.4e-3, 1), (0.2e-3, 3)])
 @pytest.mark.parametrize("channel", ["tilt", *HELD])
-def test_a_filter_is_one_of_equal_poles(channel: str, time: float, order: int) -> None:
+def test_a_filter_has_equal_poles(channel: str, time: float, order: int) -> None:
     column = HELD.get(channel, Reading.tilt_x)
     fine = truth()[:, column]
     fine = fine if channel == "tilt" else mean_of_period(fine)
@@ -183,7 +183,7 @@ def test_instruments_default_to_perfect() -> None:
     np.testing.assert_array_equal(of_old, of_new)
 
 
-def test_a_clock_that_is_not_perfect_shows_in_the_stamps_alone() -> None:
+def test_clock_errors_affect_only_the_stamps() -> None:
     exact = simulate(BENCH, Scenario(noise_seed=4), PLAN)
     values = {"clock_jitter": 2e-5, "clock_rate_error": 1e-3}
     run = simulate(BENCH, Scenario(values=values, noise_seed=4), PLAN)

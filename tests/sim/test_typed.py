@@ -70,7 +70,7 @@ def test_units_follow_from_the_law(text: str, units: dict[str, str]) -> None:
     assert {c.name: c.unit for c in typed_effect(text, name="own").coefficients} == units
 
 
-def test_names_and_targets() -> None:
+def test_names_and_targets_of_declarations() -> None:
     assert typed_effect("pull: -k*z").name == "pull"
     assert typed_effect("-k*z", name="pull").name == "pull"
     assert typed_effect("-k*z", otherwise="pull").name == "pull"
@@ -115,7 +115,7 @@ def test_errors_name_their_place(text: str, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_name_is_given_once() -> None:
+def test_a_typed_effect_has_exactly_one_name() -> None:
     with pytest.raises(InputError, match="the text names it 'pull', not 'push'"):
         typed_effect("pull: -k*z", name="push")
     with pytest.raises(InputError, match="needs a name"):

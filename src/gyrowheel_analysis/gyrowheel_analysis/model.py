@@ -102,16 +102,10 @@ def kept(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def restored(after: Mapping[str, Any], undo: Any, where: str) -> dict[str, Any]:
-    """Return overrides and effects as they were before a change of a model file.
+    """Return overrides and effects as they were before a change of a model file, which has the content `after` it.
 
-    Parameters
-    ----------
-    after : mapping
-        The content of the file with the change.
-    undo : Any
-        Result of `kept`, or overrides and effects as a whole, as earlier versions wrote them.
-    where : str
-        Place of `undo`, for the error.
+    `undo` is the result of `kept`, or overrides and effects as a whole, as earlier versions wrote them; `where` is its
+    place, for the error.
 
     Raises
     ------

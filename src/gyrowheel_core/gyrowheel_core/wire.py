@@ -238,73 +238,36 @@ def unpack_text(data: bytes) -> str:
     return text[:-1].decode()
 
 
+def _fields(names: str, kind: str = "float64") -> dict[str, str]:
+    """Return the declaration of fields of one type."""
+    return dict.fromkeys(names.split(), kind)
+
+
 MEASUREMENT: Final = Layout(
     "gyrowheel_msgs/msg/Measurement",
-    {
-        **_HEADER,
-        "sequence": "uint64",
-        "tilt_x": "float64",
-        "tilt_y": "float64",
-        "spin_angle": "float64",
-        "spin_rate": "float64",
-        "coil_voltage_x": "float64",
-        "coil_voltage_y": "float64",
-        "motor_voltage": "float64",
-        "motor_current": "float64",
-        "coil_temperature": "float64",
-        "air_temperature": "float64",
-        "air_pressure": "float64",
-    },
+    {**_HEADER, "sequence": "uint64"}
+    | _fields("tilt_x tilt_y spin_angle spin_rate coil_voltage_x coil_voltage_y motor_voltage motor_current")
+    | _fields("coil_temperature air_temperature air_pressure"),
 )
 COMMAND: Final = Layout(
     "gyrowheel_msgs/msg/Command",
-    {
-        **_HEADER,
-        "measurement_sequence": "uint64",
-        "coil_voltage_x": "float64",
-        "coil_voltage_y": "float64",
-        "motor_voltage": "float64",
-    },
+    {**_HEADER, "measurement_sequence": "uint64"} | _fields("coil_voltage_x coil_voltage_y motor_voltage"),
 )
 SETPOINT: Final = Layout(
     "gyrowheel_msgs/msg/Setpoint",
-    {
-        **_HEADER,
-        "segment": "uint32",
-        "phase": "uint8",
-        "tilt_x": "float64",
-        "tilt_y": "float64",
-        "tilt_rate_x": "float64",
-        "tilt_rate_y": "float64",
-        "spin_rate": "float64",
-        "spin_acceleration": "float64",
-    },
+    {**_HEADER, "segment": "uint32", "phase": "uint8"}
+    | _fields("tilt_x tilt_y tilt_rate_x tilt_rate_y spin_rate spin_acceleration"),
 )
 DRAG_ESTIMATE: Final = Layout(
     "gyrowheel_msgs/msg/DragEstimate",
-    {
-        **_HEADER,
-        "segment": "uint32",
-        "settled": "bool",
-        "duration": "float64",
-        "tilt_x": "float64",
-        "tilt_y": "float64",
-        "spin_rate": "float64",
-        "dc_voltage": "float64[3]",
-        "dc_voltage_std": "float64[3]",
-        "motor_current": "float64",
-        "motor_current_std": "float64",
-        "reference_segment": "uint32",
-        "voltage_increment": "float64[3]",
-        "voltage_increment_std": "float64[3]",
-        "simulated_voltage_increment": "float64[3]",
-        "calibrated": "bool",
-        "measured_torque": "float64[3]",
-        "measured_torque_std": "float64[3]",
-        "constants_std": "float64[3]",
-        "simulated_torque": "float64[3]",
-        "simulated_air_torque": "float64[3]",
-        "residual": "float64[3]",
-    },
+    {**_HEADER, "segment": "uint32", "settled": "bool"}
+    | _fields("duration tilt_x tilt_y spin_rate")
+    | _fields("dc_voltage dc_voltage_std", "float64[3]")
+    | _fields("motor_current motor_current_std")
+    | {"reference_segment": "uint32"}
+    | _fields("voltage_increment voltage_increment_std simulated_voltage_increment", "float64[3]")
+    | {"calibrated": "bool"}
+    | _fields("measured_torque measured_torque_std constants_std simulated_torque", "float64[3]")
+    | _fields("simulated_air_torque residual", "float64[3]"),
 )
 CLOCK: Final = Layout("rosgraph_msgs/msg/Clock", _TIME)

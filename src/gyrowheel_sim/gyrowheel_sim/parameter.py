@@ -48,36 +48,25 @@ class Gains:
 
 
 SCHEMA = 1
+_CHANNELS = ("tilt", "coil_voltage", "motor_voltage", "motor_current")
 #: Parameters of the instruments by the value that a perfect instrument has; a bench file may leave them out. They are
 #: in the order in which a machine is drawn.
 INSTRUMENTS: Mapping[str, float] = MappingProxyType(
     {
+        "tilt_delay": 0.0,
+        "spin_angle_delay": 0.0,
+        **dict.fromkeys([f"{n}_delay" for n in _CHANNELS[1:]], 0.0),
+        **dict.fromkeys([f"{n}_filter_time" for n in _CHANNELS], 0.0),
+        **dict.fromkeys([f"{n}_filter_order" for n in _CHANNELS], 1.0),
+        "encoder_zero": 0.0,
+        **dict.fromkeys([f"encoder_{times}_{part}" for times in ("once", "twice") for part in "xy"], 0.0),
+        "tilt_cubic": 0.0,
+        "tilt_cross_talk": 0.0,
         **dict.fromkeys(
-            [
-                *(
-                    f"{n}_delay"
-                    for n in ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")
-                ),
-                *(f"{n}_filter_time" for n in ("tilt", "coil_voltage", "motor_voltage", "motor_current")),
-            ],
-            0.0,
+            [f"{n}_resolution" for n in ("tilt", "spin_angle", "spin_rate", *_CHANNELS[1:])], 0.0
         ),
-        **dict.fromkeys(
-            [f"{n}_filter_order" for n in ("tilt", "coil_voltage", "motor_voltage", "motor_current")], 1.0
-        ),
-        **dict.fromkeys(
-            [
-                "encoder_zero",
-                *(f"encoder_{times}_{part}" for times in ("once", "twice") for part in "xy"),
-                "tilt_cubic",
-                "tilt_cross_talk",
-                *(f"{n}_resolution" for n in ("tilt", "spin_angle", "spin_rate")),
-                *(f"{n}_resolution" for n in ("coil_voltage", "motor_voltage", "motor_current")),
-                *(f"{n}_resolution" for n in ("temperature", "pressure")),
-                *(f"{n}_hum" for n in ("tilt", "coil_voltage", "motor_voltage", "motor_current")),
-            ],
-            0.0,
-        ),
+        **dict.fromkeys([f"{n}_resolution" for n in ("temperature", "pressure")], 0.0),
+        **dict.fromkeys([f"{n}_hum" for n in _CHANNELS], 0.0),
         "mains_frequency": 50.0,
         "clock_jitter": 0.0,
         "clock_rate_error": 0.0,
@@ -99,31 +88,13 @@ _POSITIVE = frozenset([
     "gas_constant", "spin_rate_reference", "tilt_reference", "tilt_limit", "mains_frequency",
     "spin_rate_minimum", "spin_rate_maximum",
 ])  # fmt: skip
-_NOT_NEGATIVE = frozenset(
-    [
-        "gimbal_inertia_x",
-        "gimbal_inertia_y",
-        "gimbal_inertia_z",
-        "flexure_damping_x",
-        "flexure_damping_y",
-        "bearing_coulomb",
-        "bearing_viscous",
-        "tilt_noise",
-        "spin_angle_noise",
-        "spin_rate_noise",
-        "coil_voltage_noise",
-        "motor_voltage_noise",
-        "motor_current_noise",
-        "temperature_noise",
-        "pressure_noise",
-        "coil_voltage_drift",
-        "motor_voltage_drift",
-        "motor_current_drift",
-        "air_pressure",
-        "clock_jitter",
-        *(name for name in INSTRUMENTS if name.endswith(("_filter_time", "_resolution", "_hum"))),
-    ]
-)
+_NOT_NEGATIVE = frozenset([
+    "gimbal_inertia_x", "gimbal_inertia_y", "gimbal_inertia_z", "flexure_damping_x", "flexure_damping_y",
+    "bearing_coulomb", "bearing_viscous", "tilt_noise", "spin_angle_noise", "spin_rate_noise",
+    "coil_voltage_noise", "motor_voltage_noise", "motor_current_noise", "temperature_noise", "pressure_noise",
+    "coil_voltage_drift", "motor_voltage_drift", "motor_current_drift", "air_pressure", "clock_jitter",
+    *(name for name in INSTRUMENTS if name.endswith(("_filter_time", "_resolution", "_hum"))),
+])  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -33,17 +33,13 @@ RAMP, HOLD = 0, 1
 #: Longest plan [s]; all its samples are held in memory.
 LONGEST = 86_400.0
 _SHORT = 1 << 14  # characters of a text whose content is kept
+_NUMBERS = ("tilt_x", "tilt_y", "tilt_rate_x", "tilt_rate_y", "spin_rate", "spin_acceleration")
 SETPOINT_DTYPE = np.dtype(
     [
         ("stamp_ns", np.int64),
         ("segment", np.uint32),
         ("phase", np.uint8),
-        ("tilt_x", float),
-        ("tilt_y", float),
-        ("tilt_rate_x", float),
-        ("tilt_rate_y", float),
-        ("spin_rate", float),
-        ("spin_acceleration", float),
+        *((name, float) for name in _NUMBERS),
     ]
 )
 

@@ -117,16 +117,9 @@ def _holds(recording: Recording) -> tuple[Hold, ...]:
     for first, last in itertools.pairwise(edges):
         if rows["phase"][first] == _HOLD:
             middle = rows[(first + last) // 2]
-            holds.append(
-                Hold(
-                    segment=int(middle["segment"]),
-                    start=float(time[first]),
-                    duration=float(time[last - 1] - time[first]) + period,
-                    tilt_x=float(middle["tilt_x"]),
-                    tilt_y=float(middle["tilt_y"]),
-                    spin_rate=float(middle["spin_rate"]),
-                )
-            )
+            asked = (float(middle[name]) for name in ("tilt_x", "tilt_y", "spin_rate"))
+            length = float(time[last - 1] - time[first]) + period
+            holds.append(Hold(int(middle["segment"]), float(time[first]), length, *asked))
     return tuple(holds)
 
 

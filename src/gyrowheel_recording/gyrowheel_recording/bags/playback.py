@@ -9,8 +9,7 @@ from collections import deque
 from collections.abc import Collection, Iterable, Iterator
 from operator import itemgetter
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Final, NamedTuple, Protocol, Self
+from typing import Any, Final, NamedTuple, Protocol, Self, TypeAlias
 
 import numpy as np
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
@@ -29,6 +28,10 @@ from gyrowheel_recording.bags.selection import bench_in
 _LATCHED: Final = ("transient_local", 1)
 
 
+#: Messages, each with its time [ns] and topic.
+Timed: TypeAlias = Iterator[tuple[int, str, bytes]]
+
+
 class Described(NamedTuple):
     """What is declared of a topic."""
 
@@ -44,9 +47,7 @@ class Storage(Protocol):
     start_ns: int
     end_ns: int
 
-    def messages(
-        self, names: Collection[str], start_ns: int, end_ns: int
-    ) -> Iterator[tuple[int, str, bytes]]:
+    def messages(self, names: Collection[str], start_ns: int, end_ns: int) -> Timed:
         """Yield time, topic and bytes of the messages of some topics by time, both ends included."""
 
     def close(self) -> None:
@@ -79,9 +80,7 @@ class _Streamed:
         except Exception as error:  # on damaged files rosbags passes on whatever its parsers raise
             raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
 
-    def messages(
-        self, names: Collection[str], start_ns: int, end_ns: int
-    ) -> Iterator[tuple[int, str, bytes]]:
+    def messages(self, names: Collection[str], start_ns: int, end_ns: int) -> Timed:
         connections = [c for c in self._reader.connections if c.topic in names]
         if not connections:  # rosbags would take an empty list for all topics
             return
@@ -113,14 +112,11 @@ class _Loaded:
         # at equal times in the order of the topics, and of the file
         order = np.argsort(time, kind="stable")
         self._times, self._owners, self._places = time[order], owners[order], order
-        self._messages = [
-            message for name in self._names for piece in found[name].pieces for message in piece
-        ]
+        pieces = (piece for name in self._names for piece in found[name].pieces)
+        self._messages = [message for piece in pieces for message in piece]
         self.start_ns, self.end_ns = (int(self._times[0]), int(self._times[-1])) if len(time) else (0, 0)
 
-    def messages(
-        self, names: Collection[str], start_ns: int, end_ns: int
-    ) -> Iterator[tuple[int, str, bytes]]:
+    def messages(self, names: Collection[str], start_ns: int, end_ns: int) -> Timed:
         first = int(np.searchsorted(self._times, start_ns, side="left"))
         last = int(np.searchsorted(self._times, end_ns, side="right"))
         for k in range(first, last):
@@ -283,10 +279,8 @@ class Tape:
         others = [topic for topic in chosen if topic != topics.SETPOINT]
         start, end = self.start_ns, self.end_ns
         yield from self._held(chosen)
-        ahead = (
-            (max(due - self._lead_ns, start), topic, data)
-            for due, topic, data in self._read(setpoints, start, end)
-        )
+        read = self._read(setpoints, start, end)
+        ahead = ((max(due - self._lead_ns, start), topic, data) for due, topic, data in read)
         # at equal times the setpoint comes first, because the sample needs it
         yield from heapq.merge(ahead, self._read(others, start, end), key=itemgetter(0))
 
@@ -297,9 +291,7 @@ class Tape:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _set_range(self, start: float, end: float) -> None:
@@ -322,10 +314,8 @@ class Tape:
         for _, topic, data in self._read(latched, begin, start - 1):
             last[topic].append(data)
         if topics.SETPOINT in chosen:
-            near = deque(
-                self._read([topics.SETPOINT], max(start - _LOOK_BACK_NS, begin), start - 1), maxlen=1
-            )
-            last[topics.SETPOINT] = deque(data for _, _, data in near)
+            near = self._read([topics.SETPOINT], max(start - _LOOK_BACK_NS, begin), start - 1)
+            last[topics.SETPOINT] = deque((data for _, _, data in near), maxlen=1)
         for topic, messages in last.items():
             for data in messages:
                 yield start, topic, data

@@ -20,7 +20,7 @@ import numpy.typing as npt
 import zstandard
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import is_file, new_directory, require_new, require_room
+from gyrowheel_core.files import is_file, new_directory, read_errors, require_new, require_room
 from gyrowheel_core.wire import SECOND
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_recording.bags.mcap import RECORD_HEAD, Op
@@ -174,19 +174,8 @@ def _chosen(
 
 def _content(file: Path) -> str:
     """Return the checksum of a file."""
-    with _readable(file), file.open("rb") as stream:
+    with read_errors(file), file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-@contextlib.contextmanager
-def _readable(file: Path) -> Iterator[None]:
-    """Turn an error of reading a file into one of the user."""
-    try:
-        yield
-    except IsADirectoryError:
-        raise InputError(f"{file}: is a directory") from None
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
 
 
 def _is_other(file: Path) -> bool:
@@ -331,14 +320,8 @@ class _Job:
                 checked |= survey.data_checked
                 known = np.isin(found.heads["channel"], np.array(list(channels), dtype=np.int64))
                 if not known.all():
-                    survey.gaps.append(
-                        Gap(
-                            "messages of a channel whose declaration is lost",
-                            piece.byte,
-                            0,
-                            int(np.count_nonzero(~known)),
-                        )
-                    )
+                    lost = "messages of a channel whose declaration is lost"
+                    survey.gaps.append(Gap(lost, piece.byte, 0, int(np.count_nonzero(~known))))
                     records, found = _only(records, found, known)
                 grown += len(records) - piece.size
                 require_room(grown, f"{self._source}: what {source} is unpacked to beyond its size")

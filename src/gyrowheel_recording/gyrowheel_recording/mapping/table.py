@@ -84,6 +84,13 @@ class Table:
         """Return the name of a row for messages."""
         return self._file.place(row + self._first)
 
+    def _error(
+        self, column: str, what: str, k: int | None = None, rows: NDArray[np.int64] | None = None
+    ) -> InputError:
+        """Return an error in a column, at the `k`-th of some rows or of all."""
+        where = "" if k is None else f", {self.place(k if rows is None else int(rows[k]))}"
+        return InputError(f"{self.path}: column '{column}'{where}: {what}")
+
     def filled(self, sources: Mapping[str, Source]) -> NDArray[np.int64]:
         """Return the rows in which the columns of a group have values: in each row all of them or none."""
         masks = {s.column: self._columns[s.column].is_valid().to_numpy() for s in sources.values()}
@@ -91,10 +98,8 @@ class Table:
         for name, mask in masks.items():
             if np.any(mask != whole):
                 k = int(np.flatnonzero(mask != whole)[0])
-                raise InputError(
-                    f"{self.path}: column '{name}', {self.place(k)}: the value is missing while others of the same"
-                    " message are there; allowed: all or none"
-                )
+                what = "the value is missing while others of the same message are there; allowed: all or none"
+                raise self._error(name, what, k)
         return np.flatnonzero(whole)
 
     def values(
@@ -120,10 +125,10 @@ class Table:
             nothing = raw == source.missing
             if not missing and nothing.any():
                 k = int(np.flatnonzero(nothing)[0])
-                raise InputError(
-                    f"{self.path}: column '{source.column}', {self.place(k if rows is None else int(rows[k]))}: "
+                what = (
                     f"{source.missing:g} stands for a missing value; allowed with `missing: keep` in the map"
                 )
+                raise self._error(source.column, what, k, rows)
             raw = np.where(nothing, np.nan, raw)
         given = raw * source.scale + source.offset
         if source.resistance:
@@ -145,10 +150,8 @@ class Table:
         values = self.values(source, field, what, rows)
         wrong = np.flatnonzero(values != np.round(values))
         if len(wrong):
-            k = int(wrong[0] if rows is None else rows[wrong[0]])
-            raise InputError(
-                f"{self.path}: column '{source.column}', {self.place(k)}: {values[wrong[0]]:g}; allowed: whole numbers"
-            )
+            k = int(wrong[0])
+            raise self._error(source.column, f"{values[k]:g}; allowed: whole numbers", k, rows)
         return values.astype(np.int64)
 
     def clock(self) -> Clock:
@@ -160,15 +163,13 @@ class Table:
             back = np.flatnonzero(np.diff(numbers) < 1)
             if len(back):
                 k = int(back[0]) + 1
-                raise InputError(
-                    f"{self.path}: column '{source.column}', {self.place(k)}: {numbers[k]} follows"
-                    f" {numbers[k - 1]}; the sequence must ascend"
-                )
+                what = f"{numbers[k]} follows {numbers[k - 1]}; the sequence must ascend"
+                raise self._error(source.column, what, k)
         try:
             return clock_of(self._time, numbers)
         except ClockError as error:
-            where = f", {self.place(error.row)}" if error.row >= 0 else ""
-            raise InputError(f"{self.path}: column '{self._map.time.column}'{where}: {error}") from None
+            row = error.row if error.row >= 0 else None
+            raise self._error(self._map.time.column, str(error), row) from None
 
     def _seconds(self, name: str, start: Any = None, late: float = 0.0) -> tuple[Array, Any]:
         """Return the times in a column from its first row on, or from a given start [s], and that start.
@@ -196,15 +197,13 @@ class Table:
     def _stamps(self, name: str, column: Any) -> NDArray[np.int64]:
         """Return the dates in a column [ns]."""
         if not pa.types.is_timestamp(column.type):
-            raise InputError(
-                f"{self.path}: column '{name}': holds {column.type}; allowed for the unit {TIMESTAMP}: dates with times"
-            )
+            what = f"holds {column.type}; allowed for the unit {TIMESTAMP}: dates with times"
+            raise self._error(name, what)
         try:
             stamps: NDArray[np.int64] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
         except pa.ArrowInvalid:
-            raise InputError(
-                f"{self.path}: column '{name}': holds dates beyond 1678 .. 2261; allowed: those of a recording"
-            ) from None
+            what = "holds dates beyond 1678 .. 2261; allowed: those of a recording"
+            raise self._error(name, what) from None
         return stamps
 
     def _check_span(self, name: str, passed: Array) -> None:
@@ -212,10 +211,8 @@ class Table:
         far = np.flatnonzero(np.abs(passed) > FARTHEST)
         if len(far):
             k = int(far[0])
-            raise InputError(
-                f"{self.path}: column '{name}', {self.place(k)}: {passed[k]:.4g} s from the first row; allowed: up to "
-                f"{FARTHEST:g} s (are unit and first row right?)"
-            )
+            what = f"{passed[k]:.4g} s from the first row; allowed: up to {FARTHEST:g} s"
+            raise self._error(name, f"{what} (are unit and first row right?)", k)
 
     def _put_on_one_clock(self, clocks: Mapping[str, str]) -> None:
         """Interpolate the columns of other clocks than the map's at its times, and drop rows that one does not cover.
@@ -233,18 +230,14 @@ class Table:
         for clock in dict.fromkeys(others.values()):
             there, _ = self._seconds(clock, start, self._map.clocks.get(clock, 0.0))
             if len(there) < 2 or np.any(np.diff(there) < 0.0):
-                raise InputError(
-                    f"{self.path}: column '{clock}': times do not ascend; allowed: those of a clock"
-                )
+                raise self._error(clock, "times do not ascend; allowed: those of a clock")
             first, last = (int(k) for k in np.searchsorted(time, (there[0], there[-1])))
             begin, end = max(begin, first), min(end, last)
             self._interpolate([name for name, other in others.items() if other == clock], clock, time, there)
         for name, column in self._columns.items():
             if len(column) != len(time) and name not in others.values() and name not in self._pulses:
-                raise InputError(
-                    f"{self.path}: column '{name}': {len(column)} rows, '{own}' has {len(time)}; allowed: as many, or "
-                    "a clock of its own (`clock:` names the column with its times)"
-                )
+                what = f"{len(column)} rows, '{own}' has {len(time)}; allowed: as many, or a clock of its own"
+                raise self._error(name, f"{what} (`clock:` names the column with its times)")
         if end - begin < 2:
             raise InputError(f"{self.path}: {max(end - begin, 0)} rows; allowed: 2 or more, on all clocks")
         if others and (begin, end) != (0, len(time)):
@@ -272,7 +265,7 @@ class Table:
                 continue
             known = np.isfinite(values)
             if len(values) != len(there) or not known.any():
-                raise InputError(f"{self.path}: column '{name}': has not the rows of its clock '{clock}'")
+                raise self._error(name, f"has not the rows of its clock '{clock}'")
             between, holes = self._between(name, time, there[known], values[known], period)
             self._columns[name] = pa.chunked_array([between])
             self._periods[name] = period
@@ -283,9 +276,8 @@ class Table:
             how = f"{rate:.4g} samples a second, interpolated{lost}"
         self.remarks.append(f"{', '.join(names)}: {how}")
         if empty:
-            self.remarks.append(
-                f"{empty} rows lie in gaps of the clock '{clock}': they count as not measured"
-            )
+            gaps = f"{empty} rows lie in gaps of the clock '{clock}'"
+            self.remarks.append(f"{gaps}: they count as not measured")
 
     def _readings(self, name: str) -> Array:
         """Return the values in a column; NaN where there is no reading, or what stands for none."""
@@ -326,9 +318,8 @@ class Table:
         """Return the times that a counter took of edges [s], from the start of the map's clock."""
         values = self._numbers(source.column, missing=True)
         with np.errstate(over="ignore"):
-            passed = (
-                values - (0.0 if self._map.time.unit == TIMESTAMP else start)
-            ) * source.scale + source.offset
+            begin = 0.0 if self._map.time.unit == TIMESTAMP else start
+            passed = (values - begin) * source.scale + source.offset
             when = to_si(passed, source.unit, Reading("s", -math.inf, math.inf))
         self._check_span(source.column, when)
         return when
@@ -352,9 +343,7 @@ class Table:
             column = column.take(pa.array(rows))
         if column.null_count and not missing:
             k = int(np.flatnonzero(column.is_null().to_numpy())[0])
-            raise InputError(
-                f"{self.path}: column '{name}', {self.place(k)}: the value is missing; allowed: a number in every row"
-            )
+            raise self._error(name, "the value is missing; allowed: a number in every row", k)
         return column.combine_chunks()
 
     def _numbers(self, name: str, rows: NDArray[np.int64] | None = None, *, missing: bool = False) -> Array:
@@ -362,17 +351,15 @@ class Table:
         kind = column.type
         numeric = pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)
         if not (numeric or pa.types.is_decimal(kind)):
-            raise InputError(f"{self.path}: column '{name}': holds {kind}; allowed: numbers")
+            raise self._error(name, f"holds {kind}; allowed: numbers")
         values: Array = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
         if missing:  # where nothing stands, arrow gives NaN
             return np.where(np.isfinite(values), values, np.nan)
         wrong = np.flatnonzero(~np.isfinite(values))
         if len(wrong):
-            k = int(wrong[0] if rows is None else rows[wrong[0]])
-            raise InputError(
-                f"{self.path}: column '{name}', {self.place(k)}: {values[wrong[0]]} is not allowed;"
-                " allowed: a finite number in every row"
-            )
+            k = int(wrong[0])
+            what = f"{values[k]} is not allowed; allowed: a finite number in every row"
+            raise self._error(name, what, k, rows)
         return values
 
     def _check_range(

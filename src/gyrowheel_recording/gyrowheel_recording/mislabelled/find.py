@@ -58,21 +58,12 @@ def wrong_air_units(recording: Recording, bench: Bench) -> list[WrongSetup]:
             near = {unit: abs(pressure * size / stated - 1.0) for unit, size in _PRESSURES.items()}
             unit = min(near, key=lambda name: near[name])
             if near[unit] < _WEATHER:
-                found.append(
-                    WrongSetup(
-                        "unit",
-                        ("air_pressure",),
-                        Fix(scale={"air_pressure": _PRESSURES[unit]}),
-                        unit,
-                        value=pressure,
-                    )
-                )
+                fix = Fix(scale={"air_pressure": _PRESSURES[unit]})
+                found.append(WrongSetup("unit", ("air_pressure",), fix, unit, value=pressure))
     cold = [name for name in _TEMPERATURES if _is_celsius(recording.readings[name])]
     if cold:
-        value = _median(recording.readings[cold[0]])
-        found.append(
-            WrongSetup("unit", tuple(cold), Fix(offset=dict.fromkeys(cold, _CELSIUS)), "deg C", value=value)
-        )
+        value, fix = _median(recording.readings[cold[0]]), Fix(offset=dict.fromkeys(cold, _CELSIUS))
+        found.append(WrongSetup("unit", tuple(cold), fix, "deg C", value=value))
     return found
 
 
@@ -199,13 +190,8 @@ def other_machines(
 
 
 def _another(recording: Recording, other: Recording, ratio: float = math.nan) -> WrongSetup:
-    return WrongSetup(
-        "another_machine",
-        ("rotor inertia",),
-        value=ratio,
-        recording=str(recording.path),
-        unit=str(other.path),
-    )
+    found = WrongSetup("another_machine", ("rotor inertia",), value=ratio, recording=str(recording.path))
+    return replace(found, unit=str(other.path))
 
 
 def _distance(one: Ratio, other: Ratio) -> float:

@@ -175,23 +175,14 @@ def wrong_tilt_columns(
     trials = [t for t in judge.trials(measured_alone(_plain(), now)) if _mends(before, t.after)]
     if before > GROSS:
         for changes in (_lags(now), _lags_of_speed(now)):
-            trials = trials or [
-                t for t in judge.trials(measured_alone(changes, now)) if _mends(before, t.after)
-            ]
+            further = () if trials else judge.trials(measured_alone(changes, now))
+            trials = trials or [t for t in further if _mends(before, t.after)]
     if trials:
         first = min(trials, key=lambda t: (*t.order, t.after))
         others = [t.columns for t in trials if t.order == first.order and t.columns != first.columns]
-        return [
-            WrongSetup(
-                first.kind,
-                first.columns,
-                first.cure,
-                first.unit,
-                tuple(dict.fromkeys(others)),
-                before,
-                first.after,
-            )
-        ]
+        alike = tuple(dict.fromkeys(others))
+        kind, columns, cure, unit = first.kind, first.columns, first.cure, first.unit
+        return [WrongSetup(kind, columns, cure, unit, alike, before, first.after)]
     if before > _FOREIGN:
         return [WrongSetup("foreign", (*TILT, *COIL), before=before)]
     return []

@@ -350,9 +350,7 @@ class ReplayNode(BenchNode):
             self._awaited = None
             if all(label == "active" for label in labels):
                 return True
-        self._awaited = [
-            (name, client.call_async(GetState.Request())) for name, client in self._bench_readers()
-        ]
+        self._awaited = self._states_asked()
         return False
 
     def _others(self, topic: Topic) -> list[str]:
@@ -370,9 +368,7 @@ class ReplayNode(BenchNode):
         if self._awaited is None:
             if not self.deliver(*self._outlets.values(), timeout=0.0) and not late:
                 return False
-            self._awaited = [
-                (name, client.call_async(GetState.Request())) for name, client in self._bench_readers()
-            ]
+            self._awaited = self._states_asked()
         waiting = [name for name, answer in self._awaited if not answer.done()]
         if waiting and not late:
             self._slow = time.monotonic() - self._asked > 1.0
@@ -398,8 +394,8 @@ class ReplayNode(BenchNode):
             for topic, outlet in self._outlets.items()
         }
 
-    def _bench_readers(self) -> list[tuple[str, Client]]:
-        """Return the lifecycle nodes that subscribe, each with a client of its state."""
+    def _states_asked(self) -> list[tuple[str, Any]]:
+        """Ask the lifecycle nodes that subscribe for their states; return each with its coming answer."""
         names = {
             _full_name(info)
             for topic in self._outlets
@@ -407,11 +403,9 @@ class ReplayNode(BenchNode):
         }
         for name in names - self._state_clients.keys() - {_own_name(self)}:
             self._state_clients[name] = self.create_client(GetState, f"{name}/get_state")
-        return [
-            (n, self._state_clients[n])
-            for n in sorted(names)
-            if n in self._state_clients and self._state_clients[n].service_is_ready()
-        ]
+        clients = {name: self._state_clients[name] for name in sorted(names & self._state_clients.keys())}
+        ready = {name: client for name, client in clients.items() if client.service_is_ready()}
+        return [(name, client.call_async(GetState.Request())) for name, client in ready.items()]
 
     # ---- services
 

@@ -235,13 +235,8 @@ class PlantNode(BenchNode):
         for subscription in (self._environment, self._commands, self._diagnoses):
             if subscription is not None:
                 self.destroy_subscription(subscription)
-        for publisher in (
-            self._measurements,
-            self._clock_publisher,
-            self._joints,
-            self._truth,
-            self._description,
-        ):
+        samples, others = (self._measurements, self._joints), (self._clock_publisher, self._truth)
+        for publisher in (*samples, *others, self._description):
             if publisher is not None:
                 self.destroy_publisher(publisher)
 

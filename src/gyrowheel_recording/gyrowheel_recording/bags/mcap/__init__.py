@@ -36,16 +36,10 @@ RECORD_HEAD: Final = struct.Struct("<BQ")
 #: Head of a message: head of the record, channel, sequence, log time and publish time [ns].
 MESSAGE_HEAD: Final = struct.Struct("<BQHIQQ")
 #: The same as a numpy dtype.
-MESSAGE_HEAD_DTYPE: Final = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
+MESSAGE_HEAD_DTYPE: Final = np.dtype([
+    ("opcode", "u1"), ("length", "<u8"),
+    ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8"),
+])  # fmt: skip
 #: Length of a message record beyond that of its data.
 MESSAGE_OVERHEAD: Final = MESSAGE_HEAD.size - RECORD_HEAD.size
 #: The end of a file: footer record (head, start of summary, start of summary offsets, checksum) and magic.

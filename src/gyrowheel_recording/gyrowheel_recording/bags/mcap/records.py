@@ -31,16 +31,9 @@ _INDEX_HEAD: Final = np.dtype([("channel", "<u2"), ("length", "<u4")])  # length
 #: Head of a chunk: first and last time, length of the records, their checksum.
 CHUNK_HEAD: Final = struct.Struct("<QQQI")
 #: The same up to the records, where they are not compressed.
-_PLAIN: Final = np.dtype(
-    [
-        ("start", "<u8"),
-        ("end", "<u8"),
-        ("size", "<u8"),
-        ("checksum", "<u4"),
-        ("name", "<u4"),
-        ("stored", "<u8"),
-    ]
-)
+_PLAIN: Final = np.dtype([
+    ("start", "<u8"), ("end", "<u8"), ("size", "<u8"), ("checksum", "<u4"), ("name", "<u4"), ("stored", "<u8"),
+])  # fmt: skip
 _ENTRY: Final = np.dtype([("time", "<i8"), ("place", "<i8")])  # of an index
 #: A part of a file, copied or not.
 Bytes: TypeAlias = bytes | memoryview

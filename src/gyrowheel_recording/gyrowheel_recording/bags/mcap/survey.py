@@ -252,17 +252,8 @@ class _Walk:
         elif opcode in (Op.MESSAGE_INDEX, Op.METADATA) and rest > RECORD_HEAD.size and length > rest:
             pass  # cut off within a part that can be rebuilt
         elif Op.HEADER <= opcode <= Op.DATA_END and length > rest:
-            known = opcode == Op.CHUNK
-            self._survey.gaps.append(
-                Gap(
-                    "a chunk that is cut off" if known else "a record that is cut off",
-                    position,
-                    rest,
-                    None,
-                    start,
-                    end,
-                )
-            )
+            reason = f"a {'chunk' if opcode == Op.CHUNK else 'record'} that is cut off"
+            self._survey.gaps.append(Gap(reason, position, rest, None, start, end))
         else:
             self._survey.gaps.append(Gap("unreadable bytes", position, rest))
         return following

@@ -71,9 +71,7 @@ class Suggestion:
         reasons = {own.field: own.reason for own in self.proposals}
         lines = [f"# Suggested for {self.table}; the reason stands behind every column."]
         lines += [f"# ? {problem.what} {problem.cure}" for problem in self.problems if problem.asks]
-        rest = {
-            key: value for key, value in self.content.items() if key not in ("time", "sequence", "columns")
-        }
+        rest = {key: self.content[key] for key in self.content if key not in ("time", "sequence", "columns")}
         lines.append(yaml.safe_dump({"schema": SCHEMA}, sort_keys=False).strip())
         for key in ("time", "sequence"):
             if key in self.content:
@@ -89,9 +87,8 @@ class Suggestion:
 
 
 def _flow(source: Any) -> str:
-    return yaml.safe_dump(
-        source, sort_keys=False, default_flow_style=True, width=10_000, allow_unicode=True
-    ).strip()
+    style: dict[str, Any] = {"default_flow_style": True, "width": 10_000, "allow_unicode": True}
+    return yaml.safe_dump(source, sort_keys=False, **style).strip()
 
 
 Array = NDArray[np.float64]
@@ -101,13 +98,10 @@ _TILT: Final = ("rad", "deg", "mrad", "arcmin")
 _THERMAL: Final = ("degC", "K", "degF")
 #: Units that are tried where none is stated, likeliest first.
 _GUESSES: Final[dict[str, tuple[str, ...]]] = {
-    "tilt_x": _TILT,
-    "tilt_y": _TILT,
+    **dict.fromkeys(("tilt_x", "tilt_y"), _TILT),
     "spin_angle": ("rad", "deg", "turn"),
     "spin_rate": ("rad/s", "rpm", "turn/s", "deg/s"),
-    "coil_voltage_x": ("V", "mV"),
-    "coil_voltage_y": ("V", "mV"),
-    "motor_voltage": ("V", "mV"),
+    **dict.fromkeys(("coil_voltage_x", "coil_voltage_y", "motor_voltage"), ("V", "mV")),
     "motor_current": ("A", "mA"),
     **dict.fromkeys(COIL_CURRENT, ("A", "mA")),
     **dict.fromkeys(("coil_temperature", "air_temperature"), _THERMAL),
@@ -117,17 +111,10 @@ _GUESSES: Final[dict[str, tuple[str, ...]]] = {
 #: Where an angle wraps: a turn in its units, and counts of usual encoders. Decimal counts are near binary ones:
 #: the next larger one is meant.
 _WHOLE_TURNS: Final = (
-    360.0,
-    2.0 * math.pi,
-    1.0,
-    *(2.0**k for k in range(8, 25)),
-    *(
-        m * 10.0**k
-        for k in range(2, 6)
-        for m in (1.0, 1.2, 1.25, 1.44, 1.5, 1.6, 1.8, 2.0, 2.4, 2.5, 3.0, 3.2, 3.6)
-    ),
+    360.0, 2.0 * math.pi, 1.0, *(2.0**k for k in range(8, 25)),
+    *(m * 10.0**k for k in range(2, 6) for m in (1.0, 1.2, 1.25, 1.44, 1.5, 1.6, 1.8, 2.0, 2.4, 2.5, 3.0, 3.2, 3.6)),
     *(m * 10.0**k for k in range(2, 6) for m in (4.0, 5.0, 6.0, 6.4, 7.2, 8.0, 9.0)),
-)
+)  # fmt: skip
 _SERIAL: Final = (2e4, 8e4)  # days from 1900 to the years of loggers
 _NEAR: Final = 0.03  # part by which a range may fall short of a whole turn
 

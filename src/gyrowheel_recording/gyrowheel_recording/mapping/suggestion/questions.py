@@ -47,10 +47,12 @@ def column_problems(
         Units in which readings of unusual size would have a usual one, by field.
     """
     likelier: dict[str, str] = {}
+
+    def ask(what: str, cure: str, *, asks: bool = True) -> None:
+        problems.append(Problem(what, cure, asks=asks))
+
     if TIME not in found:
-        problems.append(
-            Problem("no column of times is found.", "Name it `time` in the map, or in the line of names.")
-        )
+        ask("no column of times is found.", "Name it `time` in the map, or in the line of names.")
     for own in found.values():
         column = grid.columns[own.column]
         problems += odd_cells(own.field, own.column, column)
@@ -59,26 +61,20 @@ def column_problems(
         problems += value_problems(own, column, bench)
         lost = holes(column)
         if lost:
-            problems.append(
-                Problem(
-                    f"{own.field}: {lost} of {len(column.values)} values of '{own.column}' are missing.",
-                    "`missing: keep` in the map counts their samples as lost.",
-                    asks=False,
-                )
+            ask(
+                f"{own.field}: {lost} of {len(column.values)} values of '{own.column}' are missing.",
+                "`missing: keep` in the map counts their samples as lost.",
+                asks=False,
             )
         if not own.stated and (unit := unknown_unit(own.column, column.unit)):
-            problems.append(
-                Problem(
-                    f"{own.field}: the unit '{unit}' of '{own.column}' is not known; {own.unit} is taken.",
-                    "Set `unit:` in the map.",
-                )
+            ask(
+                f"{own.field}: the unit '{unit}' of '{own.column}' is not known; {own.unit} is taken.",
+                "Set `unit:` in the map.",
             )
         if meaning_of(own.column, column.unit).commanded:
-            problems.append(
-                Problem(
-                    f"{own.field}: '{own.column}' seems to be what was asked for, not what was measured.",
-                    "Name the column that was measured, or leave it out.",
-                )
+            ask(
+                f"{own.field}: '{own.column}' seems to be what was asked for, not what was measured.",
+                "Name the column that was measured, or leave it out.",
             )
         if own.field == "spin_angle":
             continue
@@ -94,13 +90,11 @@ def column_problems(
             if other:
                 likelier[own.field] = other
             is_si = own.unit == UNITS[own.field]
-            problems.append(
-                Problem(
-                    f"{own.field}: '{own.column}' reaches {np.percentile(np.abs(values), 99.9):.4g} {own.unit}"
-                    f"{'' if is_si else f', which is {size:.4g} {UNITS[own.field]}'}; usual on the "
-                    f"bench {bench.name}: {low:.3g} .. {high:.3g} {UNITS[own.field]}.",
-                    cure,
-                )
+            ask(
+                f"{own.field}: '{own.column}' reaches {np.percentile(np.abs(values), 99.9):.4g} {own.unit}"
+                f"{'' if is_si else f', which is {size:.4g} {UNITS[own.field]}'}; usual on the "
+                f"bench {bench.name}: {low:.3g} .. {high:.3g} {UNITS[own.field]}.",
+                cure,
             )
     if TIME in found and found[TIME].unit != TIMESTAMP:
         own = found[TIME]
@@ -113,14 +107,12 @@ def column_problems(
                 likelier[TIME] = other
             if step > LONGEST:
                 cure += f" Fewer than {1.0 / LONGEST:g} samples a second show nothing of the wheel."
-            problems.append(Problem(f"time: a row every {step:.4g} s in '{own.column}'.", cure))
+            ask(f"time: a row every {step:.4g} s in '{own.column}'.", cure)
         elif not own.stated and own.unit in _FINER and 1e-3 * step >= 2.0 * SHORTEST:
-            problems.append(
-                Problem(
-                    f"time: '{own.column}' does not say its unit: in {own.unit} it has {1.0 / step:.4g} rows a second, "
-                    f"in {_FINER[own.unit]} {1e3 / step:.4g}.",
-                    "Set `unit:` in the map to the right one.",
-                )
+            ask(
+                f"time: '{own.column}' does not say its unit: in {own.unit} it has {1.0 / step:.4g} rows a second, "
+                f"in {_FINER[own.unit]} {1e3 / step:.4g}.",
+                "Set `unit:` in the map to the right one.",
             )
     problems += merged_loggers(found, grid)
     problems += _missing(found)
@@ -155,9 +147,8 @@ def _missing(found: Mapping[str, Proposal]) -> Iterator[Problem]:
             yield lacks(", ".join(names), both, asks=names[1] == "spin_angle")
         elif absent:
             yield lacks(absent[0], first if absent[0] == names[0] else second)
-    if slow := [
-        name for name in ("coil_temperature", "air_temperature", "air_pressure") if name not in found
-    ]:
+    slow = [name for name in ("coil_temperature", "air_temperature", "air_pressure") if name not in found]
+    if slow:
         yield lacks(
             ", ".join(slow),
             "Those of the bench are taken, and how far they may be off counts in the result; where you know them, put "
