@@ -20,6 +20,7 @@ from gyrowheel.show.figure import (
     SOFT,
     VERMILION,
     Picture,
+    add_grid,
     finished,
     headline,
     shared_legend,
@@ -283,8 +284,7 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure,
     grid = figure.add_gridspec(rows, columns, left=0.065, right=0.98, top=0.74, bottom=0.13, wspace=0.2)
     axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in range(columns)]
     for panel in axes:
-        panel.grid(axis="y", color=FAINT, linewidth=0.8)
-        panel.set_axisbelow(True)
+        add_grid(panel, "y")
     return figure, axes
 
 

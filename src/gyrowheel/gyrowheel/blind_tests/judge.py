@@ -47,6 +47,17 @@ OUTCOMES: dict[Outcome, str] = {
 }
 #: Outcomes that agree with the key of a single diagnosis.
 RIGHT: tuple[Outcome, ...] = ("exact", "tied", "below_limit")
+#: Standard errors that a coefficient may be off.
+TOLERANCE = 3.0
+#: Outcomes as the JSON of a key names them.
+_NAMES: dict[Outcome, str] = {
+    "exact": "right",
+    "inaccurate": "inaccurate",
+    "unknown": "described",
+    "partial": "incomplete",
+    "missed": "incomplete",
+    "misnamed": "wrong",
+}
 
 
 class Finding(Protocol):
@@ -140,19 +151,6 @@ def _below_limits(diagnosis: Diagnosis, truth: EffectValues) -> bool:
         return bool(stated) and all(abs(values[key]) < limit for key, limit in stated.items())
 
     return all(below(name, values) for name, values in truth.items())
-
-
-#: Standard errors that a coefficient may be off.
-TOLERANCE = 3.0
-#: Outcomes as the JSON of a key names them.
-_NAMES: dict[Outcome, str] = {
-    "exact": "right",
-    "inaccurate": "inaccurate",
-    "unknown": "described",
-    "partial": "incomplete",
-    "missed": "incomplete",
-    "misnamed": "wrong",
-}
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, Picture, drawn
+from gyrowheel.show.figure import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, Picture, add_grid, drawn
 from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
@@ -179,8 +179,7 @@ def _revolution(axes: Axes, bench: Bench, speed: float, scale: float, unit: str)
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.55 * (high - low))
     axes.legend(loc="upper center", ncols=2, fontsize=9, columnspacing=1.0, handlelength=1.4)
-    axes.grid(axis="y", color=FAINT, linewidth=0.8)
-    axes.set_axisbelow(True)
+    add_grid(axes, "y")
 
 
 def _error_panel(axes: Axes, bench: Bench, speed: float) -> None:
@@ -205,8 +204,7 @@ def _error_panel(axes: Axes, bench: Bench, speed: float) -> None:
     axes.set_xlabel("tilt, deg")
     axes.set_ylabel("% of the momentum")
     axes.set_title("largest error of eq (1)")
-    axes.grid(color=FAINT, linewidth=0.8)
-    axes.set_axisbelow(True)
+    add_grid(axes)
 
 
 def _paths(axes: Axes, bench: Bench, speed: float, scale: float, unit: str) -> None:
@@ -231,5 +229,4 @@ def _paths(axes: Axes, bench: Bench, speed: float, scale: float, unit: str) -> N
     axes.set_ylabel(f"Hy, {unit}")
     axes.set_title(f"across the axis, tilt {limit / DEG:.0f}°")
     axes.legend(loc="upper center", fontsize=9, handlelength=1.4)
-    axes.grid(color=FAINT, linewidth=0.8)
-    axes.set_axisbelow(True)
+    add_grid(axes)

@@ -10,7 +10,6 @@ import sympy as sp
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gyrowheel.paper_figures.curves import Curve, Panel, curves_figure
 from gyrowheel.paper_figures.evidence import (
     REFERENCE,
     SPEEDS,
@@ -22,7 +21,7 @@ from gyrowheel.paper_figures.evidence import (
     part,
     within,
 )
-from gyrowheel.show.figure import BLUE, VERMILION
+from gyrowheel.show.figure import BLUE, VERMILION, Curve, Panel, curves_figure
 from gyrowheel_core.quantities import fixed, short
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.mechanics import derivation as d

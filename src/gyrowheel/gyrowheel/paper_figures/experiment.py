@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from gyrowheel.calibration.api import calibrate
 from gyrowheel.models.api import Model
-from gyrowheel.paper_figures.curves import Curve, Panel, curves_figure
 from gyrowheel.paper_figures.evidence import (
     REFERENCE,
     SPEEDS,
@@ -25,7 +24,7 @@ from gyrowheel.paper_figures.evidence import (
     part,
 )
 from gyrowheel.recordings.picture import recording_figure
-from gyrowheel.show.figure import BLUE, GREEN, INK, ORANGE, SOFT, VERMILION
+from gyrowheel.show.figure import BLUE, GREEN, INK, ORANGE, SOFT, VERMILION, Curve, Panel, curves_figure
 from gyrowheel.torque_budget.api import torques
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import Plan

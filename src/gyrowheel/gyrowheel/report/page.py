@@ -34,6 +34,8 @@ POLICY: Final = (
     f"script-src 'sha256-{base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()}'"
 )
 _LARGEST = 600_000  # largest vector picture [bytes]; a larger one is stored as PNG
+_OWN = "gyrowheel.report"
+_WIDTH = 100  # characters of a line in Markdown
 
 
 @dataclass(frozen=True)
@@ -78,10 +80,6 @@ def chart(recording: Recording) -> dict[str, Any]:
 
 def _base64(values: NDArray[Any]) -> str:
     return base64.b64encode(np.asarray(values, "<f4").tobytes()).decode("ascii")
-
-
-_OWN = "gyrowheel.report"
-_WIDTH = 100  # characters of a line in Markdown
 
 
 def html_page(report: ReportContent) -> str:

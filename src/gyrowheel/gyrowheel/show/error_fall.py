@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from gyrowheel.show.figure import (
     AFTER,
     BEFORE,
-    FAINT,
     INK,
     NOISE,
     SHADE,
@@ -22,6 +21,7 @@ from gyrowheel.show.figure import (
     TICK,
     ZERO,
     Picture,
+    add_grid,
     drawn,
     title_size,
 )  # fmt: skip
@@ -141,8 +141,7 @@ def _residual_panel(
     axes.margins(x=0.02, y=0.12)
     if len(LISTED[channel].rows) > 1:
         axes.set_ylim(bottom=0.0)
-    axes.grid(axis="y", color=FAINT, linewidth=0.8)
-    axes.set_axisbelow(True)
+    add_grid(axes, "y")
 
 
 def _speeds(axes: Axes, time: Array, spin_rate: Array, *, named: bool) -> None:
@@ -256,8 +255,7 @@ def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.grid(axis="x", color=FAINT, linewidth=0.8)
-    axes.set_axisbelow(True)
+    add_grid(axes, "x")
 
 
 def _along(axes: Axes, value: float) -> float:

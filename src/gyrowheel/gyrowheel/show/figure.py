@@ -9,10 +9,13 @@ from __future__ import annotations
 import functools
 import io
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
+
+from numpy.typing import ArrayLike
 
 from gyrowheel_core import cache
 from gyrowheel_core.files import new_file
@@ -148,6 +151,12 @@ def headline(figure: Figure, title: str, text: str) -> None:
     figure.text(0.012, 1.0 - 0.64 / height, text, fontsize=10, color=TICK, va="center")
 
 
+def add_grid(axes: Any, axis: str = "both") -> None:
+    """Draw a faint grid below the data, of both axes or of one."""
+    axes.grid(axis=axis, color=FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)
+
+
 def title_size(title: str) -> float:
     """Return the size of letters in which a title fits a figure 16 inches wide."""
     return min(22.0, 22.0 * 88.0 / max(len(title), 1))
@@ -160,3 +169,65 @@ def shared_legend(figure: Figure, axes: Any, **settings: Any) -> None:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     figure.legend(found.values(), found.keys(), **settings)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve."""
+
+    label: str  # in the legend; empty for none
+    x: ArrayLike  # points, in the units of the labels
+    y: ArrayLike
+    colour: str
+    error: ArrayLike | None = None  # bars, to both sides
+    line: str = "-"  # as matplotlib has it, like `marker`
+    marker: str = ""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel: its title, what its axes show with units, and its curves."""
+
+    title: str
+    x: str
+    y: str
+    curves: Sequence[Curve]
+
+
+@drawn()
+def curves_figure(title: str, remark: str, panels: Sequence[Panel]) -> Figure:
+    """Draw one to three panels side by side, with a headline, a line below it, and the legend above the panels."""
+    figure = Picture(12.0 if len(panels) > 1 else 9.0, 4.8, dots=110)
+    left = 0.07 if len(panels) > 1 else 0.1
+    grid = figure.add_gridspec(1, len(panels), left=left, right=0.98, top=0.70, bottom=0.13, wspace=0.26)
+    for place, panel in enumerate(panels):
+        axes = figure.add_subplot(grid[0, place])
+        axes.axhline(0.0, color=ZERO, linewidth=0.8, zorder=1)
+        for curve in panel.curves:
+            axes.errorbar(
+                curve.x,
+                curve.y,
+                curve.error,
+                color=curve.colour,
+                linestyle=curve.line or "none",
+                marker=curve.marker or None,
+                markersize=5.5,
+                linewidth=1.7,
+                capsize=3 if curve.error is not None else 0,
+                label=curve.label or None,
+            )
+        axes.set_title(panel.title)
+        axes.set_xlabel(panel.x)
+        axes.set_ylabel(panel.y)
+        add_grid(axes, "y")
+    headline(figure, title, remark)
+    shared_legend(
+        figure,
+        figure.axes,
+        loc="upper left",
+        ncols=5,
+        fontsize=10,
+        bbox_to_anchor=(0.005, 1.0 - 0.74 / figure.get_figheight()),
+        columnspacing=1.4,
+    )
+    return figure

@@ -25,6 +25,12 @@ _NAMES = {
 }
 _CONJUGATE = "z\u0304"
 _RAISED = str.maketrans("0123456789-n", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ⁿ")
+_SUM, _PRODUCT, _POWER, _ATOM = range(4)
+_GREEK = {"Omega": "Ω", "rho": "ρ", "theta": "θ", "pi": "π", "phi": "φ", "tau": "τ", "omega": "ω"}
+_TIMES = Markup('<mo lspace="0.1em" rspace="0.1em">&#x2062;</mo>')
+_APPLIED = Markup("<mo>&#x2061;</mo>")
+_MINUS = Markup('<mo form="prefix">−</mo>')
+_BETWEEN = {False: Markup("<mo>+</mo>"), True: Markup("<mo>−</mo>")}
 
 
 def pretty(formula: str) -> str:
@@ -57,14 +63,6 @@ def _one(formula: str) -> str:
     law = re.sub(rf"\bz·{_CONJUGATE}(?![⁰-⁹²³])", "|z|²", law)
     law = law.replace("sqrt(|z|²)", "|z|").replace("(|z|²)^(3/2)", "|z|³")
     return f"{in_words(target)} = {law}" if target else law
-
-
-_SUM, _PRODUCT, _POWER, _ATOM = range(4)
-_GREEK = {"Omega": "Ω", "rho": "ρ", "theta": "θ", "pi": "π", "phi": "φ", "tau": "τ", "omega": "ω"}
-_TIMES = Markup('<mo lspace="0.1em" rspace="0.1em">&#x2062;</mo>')
-_APPLIED = Markup("<mo>&#x2061;</mo>")
-_MINUS = Markup('<mo form="prefix">−</mo>')
-_BETWEEN = {False: Markup("<mo>+</mo>"), True: Markup("<mo>−</mo>")}
 
 
 def typeset(formula: str) -> Markup:

@@ -21,6 +21,9 @@ REPORT_MARKS = ('<meta name="generator" content="gyrowheel">', "<!-- report of g
 #: Title of a report as PDF.
 REPORT_TITLE = "gyrowheel report"
 _OWN = "gyrowheel.show"
+#: Standard errors to both sides that hold a normal variate in 95 of 100 cases.
+INTERVAL = 1.96
+_PLAIN = Unit("", 1.0)
 
 
 @functools.cache
@@ -53,11 +56,6 @@ def template_text(package: str, name: str) -> str | None:
 def embedded(content: Any) -> Markup:
     """Return JSON for embedding in a page: nothing in it ends its element."""
     return Markup(json_text(content).replace("<", "\\u003c"))
-
-
-#: Standard errors to both sides that hold a normal variate in 95 of 100 cases.
-INTERVAL = 1.96
-_PLAIN = Unit("", 1.0)
 
 
 class Cells:

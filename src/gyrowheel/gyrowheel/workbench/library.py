@@ -23,6 +23,12 @@ _BLOCK = 256  # samples per stored pair of extremes; `by_blocks` uses a multiple
 _DIRECT = 2 * _BLOCK  # samples of an interval from which on the extremes of blocks are used
 
 Array = NDArray[np.float64]
+_DEEPEST = 3  # folders below a chosen one that are searched
+_LENGTH = re.compile(r"\bduration:\s{0,20}\{?\s{0,20}nanoseconds:\s{0,20}(\d{1,18})\b")
+_FRESH = 1.0  # s for which a listing of the folders stays valid
+#: Use of a recording.
+Role = Literal["fitted", "not used to fit"]
+ROLES: tuple[Role, ...] = ("fitted", "not used to fit")
 
 
 class Envelope:
@@ -85,16 +91,6 @@ def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]
 
     by_blocks(count, look)
     return found
-
-
-_DEEPEST = 3  # folders below a chosen one that are searched
-_LENGTH = re.compile(r"\bduration:\s{0,20}\{?\s{0,20}nanoseconds:\s{0,20}(\d{1,18})\b")
-_FRESH = 1.0  # s for which a listing of the folders stays valid
-
-
-#: Use of a recording.
-Role = Literal["fitted", "not used to fit"]
-ROLES: tuple[Role, ...] = ("fitted", "not used to fit")
 
 
 @dataclass(frozen=True)

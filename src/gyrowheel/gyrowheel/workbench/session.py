@@ -30,6 +30,14 @@ from gyrowheel_sim.effects import Effect
 
 #: Name of the file of a model that was not read from one.
 MODEL = "wheel.yaml"
+#: Why a test cannot be run from here.
+NO_BENCH = (
+    "these recordings are not of a simulated bench; run the plan on your bench, and open its recording here"
+)
+#: The machine of the demonstration.
+_DEMONSTRATION = SimulatedBench(effect=("aero_cross",), machine=6)
+_LONGEST_NAME = 100  # bytes of the name of a model file
+_PATIENCE = 30.0  # s in which an ended job must reach its next line
 
 
 @dataclass(frozen=True)
@@ -79,16 +87,6 @@ def report_page(
             diagnosis, paths, held, named, model.bench_source, machine=noted_machine(fitted)
         ),
     ).html()
-
-
-#: Why a test cannot be run from here.
-NO_BENCH = (
-    "these recordings are not of a simulated bench; run the plan on your bench, and open its recording here"
-)
-#: The machine of the demonstration.
-_DEMONSTRATION = SimulatedBench(effect=("aero_cross",), machine=6)
-_LONGEST_NAME = 100  # bytes of the name of a model file
-_PATIENCE = 30.0  # s in which an ended job must reach its next line
 
 
 @contextlib.contextmanager

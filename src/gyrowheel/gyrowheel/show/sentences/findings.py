@@ -26,6 +26,54 @@ _PARTS = {
     "encoder_twice_x": "twice a turn, cosine part",
     "encoder_twice_y": "twice a turn, sine part",
 }
+_NAMES = READINGS | {"temperature": "temperatures", "pressure": "air pressure"}
+_REMARKS = {
+    "": "",
+    "sampled": "; the angle of the shaft follows: the samples are taken when the stamps say",
+    "stamped": "; the angle of the shaft does not follow: the samples are even, and the scatter is taken out",
+    "hidden": "; the stamps do not show it, the noise of the angle does, which grows with the speed",
+    "stamps_off": "; the reading of the speed goes with the count of the samples, against the stamps",
+    "sampling_off": "; the reading of the speed goes with the stamps: it may be the sampling that is off",
+}
+_MICRO = 1.0e-6
+_EXACT = 1.0e-3  # part of a value below which its error is not shown
+#: Description of a change, by the channel of the event.
+_WHAT = {
+    "torque_x": "a torque of {} about case x",
+    "torque_y": "a torque of {} about case y",
+    "spin_torque": "a torque of {} on the spin",
+    "motor_current": "a shift of {} in the reading of the motor current",
+    "motor_voltage": "a shift of {} in the reading of the motor voltage",
+    "spin_torque_by_speed": "a torque of {} on the spin, in proportion to the speed (size at the reference speed),",
+    "torque_along_tilt": "a torque of {} along the tilt, in proportion to it (size at the reference tilt),",
+    "torque_across_tilt": (
+        "a torque of {} across the tilt, in proportion to tilt and speed (size at the reference tilt and speed),"
+    ),
+    "coil_gain": "a change of {} in the torque per volt of the coils",
+    "tilt_reading_x": "a shift of {} in the reading of tilt x",
+    "tilt_reading_y": "a shift of {} in the reading of tilt y",
+    "winding_resistance": "a change of {} in the resistance of the motor's winding",
+    "motor_constant": "a change of {} in torque and voltage constant of the motor",
+    "encoder_zero": "a slip of {} of the encoder",
+    "torque_after_tilt": "a torque of {} against it",
+    "coil_voltage_x": "a shift in the reading of coil voltage x",
+    "coil_voltage_y": "a shift in the reading of coil voltage y",
+}
+_DRIFTS = {
+    "coil_voltage": "coil voltages",
+    "motor_current": "motor current",
+    "motor_voltage": "motor voltage",
+}
+_TEMPERATURES = {
+    "coil_temperature": "temperature of the coils",
+    "motor_temperature": "temperature of the motor's winding",
+    "air_temperature": "temperature of the air",
+}
+_SHAPELESS = (
+    "it is no step, trend, burst or swing, and follows neither a temperature nor the moves of the tilt"
+)
+#: Drifts above this multiple of the stated size are reported.
+_TOLD = 1.5
 
 
 def instrument_sentence(found: InstrumentFinding) -> str:
@@ -55,19 +103,6 @@ def instrument_open(found: InstrumentFinding) -> str:
         return instrument_sentence(found)
     others = listed([tie.name for tie in found.ties], "or")
     return f"{instrument_sentence(found).rstrip('.')}, but {others} would explain it as well."
-
-
-_NAMES = READINGS | {"temperature": "temperatures", "pressure": "air pressure"}
-_REMARKS = {
-    "": "",
-    "sampled": "; the angle of the shaft follows: the samples are taken when the stamps say",
-    "stamped": "; the angle of the shaft does not follow: the samples are even, and the scatter is taken out",
-    "hidden": "; the stamps do not show it, the noise of the angle does, which grows with the speed",
-    "stamps_off": "; the reading of the speed goes with the count of the samples, against the stamps",
-    "sampling_off": "; the reading of the speed goes with the stamps: it may be the sampling that is off",
-}
-_MICRO = 1.0e-6
-_EXACT = 1.0e-3  # part of a value below which its error is not shown
 
 
 def reading_sentence(found: ReadingFinding) -> str:
@@ -111,45 +146,6 @@ def untold_sentences(hum_unknown: Sequence[tuple[str, str]]) -> Iterator[str]:
 
 def _stated(found: InstrumentFinding | ReadingFinding) -> str:
     return quantity(found.stated, found.unit) if found.stated else "0"
-
-
-#: Description of a change, by the channel of the event.
-_WHAT = {
-    "torque_x": "a torque of {} about case x",
-    "torque_y": "a torque of {} about case y",
-    "spin_torque": "a torque of {} on the spin",
-    "motor_current": "a shift of {} in the reading of the motor current",
-    "motor_voltage": "a shift of {} in the reading of the motor voltage",
-    "spin_torque_by_speed": "a torque of {} on the spin, in proportion to the speed (size at the reference speed),",
-    "torque_along_tilt": "a torque of {} along the tilt, in proportion to it (size at the reference tilt),",
-    "torque_across_tilt": (
-        "a torque of {} across the tilt, in proportion to tilt and speed (size at the reference tilt and speed),"
-    ),
-    "coil_gain": "a change of {} in the torque per volt of the coils",
-    "tilt_reading_x": "a shift of {} in the reading of tilt x",
-    "tilt_reading_y": "a shift of {} in the reading of tilt y",
-    "winding_resistance": "a change of {} in the resistance of the motor's winding",
-    "motor_constant": "a change of {} in torque and voltage constant of the motor",
-    "encoder_zero": "a slip of {} of the encoder",
-    "torque_after_tilt": "a torque of {} against it",
-    "coil_voltage_x": "a shift in the reading of coil voltage x",
-    "coil_voltage_y": "a shift in the reading of coil voltage y",
-}
-_DRIFTS = {
-    "coil_voltage": "coil voltages",
-    "motor_current": "motor current",
-    "motor_voltage": "motor voltage",
-}
-_TEMPERATURES = {
-    "coil_temperature": "temperature of the coils",
-    "motor_temperature": "temperature of the motor's winding",
-    "air_temperature": "temperature of the air",
-}
-_SHAPELESS = (
-    "it is no step, trend, burst or swing, and follows neither a temperature nor the moves of the tilt"
-)
-#: Drifts above this multiple of the stated size are reported.
-_TOLD = 1.5
 
 
 def event_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> list[str]:
