@@ -99,7 +99,7 @@ def consistent(found: Diagnosis) -> None:
     else:
         assert not sentence.startswith(("Nothing is missing", "Nothing shows:"))
     assert proof_sentence(proof).startswith(
-        {True: "Proven", False: "NOT proven", None: "Not tried"}[proof.proven]
+        {True: "Consistent", False: "NOT consistent", None: "Not tested"}[proof.proven]
     )
     written = diagnosis_json(found)
     assert written["proof"]["proven"] is proof.proven
@@ -196,7 +196,7 @@ def test_changed_machine_in_the_validation_gives_no_proof(tmp_path: Path) -> Non
     assert found.verdict == "unknown"
     assert found.proof is not None
     assert found.proof.proven is False
-    assert "NOT proven on other" in proof_sentence(found.proof)
+    assert "NOT consistent with other" in proof_sentence(found.proof)
 
 
 def test_another_machine_in_the_validation_is_a_wrong_setup(tmp_path: Path) -> None:
@@ -213,7 +213,7 @@ def test_another_machine_in_the_validation_is_a_wrong_setup(tmp_path: Path) -> N
     assert found.verdict == "insufficient_data"
     assert found.setup
     assert found.proof is None
-    assert proof_sentence(found.proof).startswith("NOT proven")
+    assert proof_sentence(found.proof).startswith("NOT consistent")
 
 
 def test_an_event_in_the_validation_is_named_as_the_cause(tmp_path: Path) -> None:

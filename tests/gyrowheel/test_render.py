@@ -32,14 +32,14 @@ from gyrowheel_air.check import check_table
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
-from gyrowheel_analysis.diagnosis.result import Beyond, Estimate, Proof
+from gyrowheel_analysis.diagnosis.result import Beyond, ChannelCheck, Estimate, Proof
 from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_analysis.residuals.error_table import ErrorRow
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.quantities import decimal, fixed, minus, quantity, seconds, short, span, with_error
-from gyrowheel_core.units import unit_for
+from gyrowheel_core.units import RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
 from gyrowheel_sim.effects.complex_parts import split
@@ -269,34 +269,55 @@ def test_verdicts_are_plain_sentences():
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({}, "Proven on check: error of tilt x 0.123 → 0.0340 mN·m (noise 0.0320), χ²/N 0.969."),
+        (
+            {},
+            "Consistent with check in every channel: error of tilt x 0.123 → 0.0340 mN·m (noise 0.0320), χ²/N 0.969.",
+        ),
         (
             {"left_out": "speed", "parts": 5},
-            "Proven: each of 5 spin rates predicted from the others, error of tilt x 0.123 → 0.0340 mN·m "
-            "(noise and uncertainty of the prediction 0.0320), χ²/N 0.969.",
+            "Consistent in every channel: each of 5 spin rates predicted from the others, error of tilt x 0.123 → "
+            "0.0340 mN·m (noise and uncertainty of the prediction 0.0320), χ²/N 0.969.",
         ),
         (
             {"proven": False, "reason": "unfixed", "chi2_per_n": 35.0, "causes": ("shaft_inertia",)},
-            "NOT proven on check: χ²/N 35.0, where chance allows 1.30: shaft_inertia is not known well enough from "
-            "what was fitted.",
+            "NOT consistent with check: χ²/N 35.0, where chance allows 1.30: shaft_inertia is not known well enough "
+            "from what was fitted.",
         ),
         (
             {
                 "proven": False, "reason": "differs", "chi2_per_n": 35.0, "causes": ("rotor_inertia_z",),
                 "value": 3.6e-3, "fitted": 1.78e-3, "unit": "kg*m^2",
             },
-            "NOT proven on check: χ²/N 35.0, where chance allows 1.30; it would take rotor_inertia_z 3600 mg·m² "
+            "NOT consistent with check: χ²/N 35.0, where chance allows 1.30; it would take rotor_inertia_z 3600 mg·m² "
             "there instead of 1780 mg·m²: another machine, one that has changed, or a law that does not hold "
             "there.",
         ),
         (
             {"proven": False, "reason": "resembles", "chi2_per_n": 35.0, "causes": ("gravity_offset",)},
-            "NOT proven on check: χ²/N 35.0, where chance allows 1.30; what is left there looks like gravity_offset.",
+            "NOT consistent with check: χ²/N 35.0, where chance allows 1.30; what is left there looks like "
+            "gravity_offset.",
         ),
-        ({"proven": None, "reason": "not_tried"}, "Not tried on anything that was not fitted"),
+        (
+            {
+                "proven": False, "reason": "channel", "causes": ("motor_voltage",), "speed": 3500.0 * RPM,
+                "channels": (ChannelCheck("motor_voltage", 1.1, 1.8, 4.41, 2.25),),
+            },
+            "NOT consistent with check: motor voltage 2.10 times its noise, where chance allows 1.50; largest at "
+            "3500 rpm.",
+        ),
+        (
+            {"proven": False, "reason": "dependence", "causes": ("spin", "speed")},
+            "NOT consistent with check: what is left of the motor torque depends on the spin rate.",
+        ),
+        (
+            {"smallest": 1.49},
+            "Consistent with check in every channel: error of tilt x 0.123 → 0.0340 mN·m (noise 0.0320), χ²/N 0.969; "
+            "1.49 noise floors in a channel would have shown.",
+        ),
+        ({"proven": None, "reason": "not_tried"}, "Not tested on anything that was not fitted"),
     ],
 )  # fmt: skip
-def test_every_verdict_ends_with_whether_it_is_proven(changes: dict[str, Any], expected: str):
+def test_every_verdict_ends_with_the_test_on_unseen_data(changes: dict[str, Any], expected: str):
     proof = Proof(
         "check", True, "predicted", chi2_per_n=0.969, allowed=1.3, channel="tilt_x", before=1.23e-4, after=3.4e-5,
         noise=3.2e-5,

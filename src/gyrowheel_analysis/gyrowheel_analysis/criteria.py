@@ -98,6 +98,11 @@ SCATTER_WINDOWS: Final = 8
 #: Standard deviations of chi-squared that chance explains (one case in 700). Lower fails complete models, higher proves
 #: incomplete ones.
 CHI2_RANGE: Final = 3.0
+#: Probability that chance fails a complete model in one of its channels, and that it shows a dependence of one on a
+#: variable (after Bonferroni). Higher fails complete models, lower lets a wrong law pass in a channel of few windows.
+CHANNEL_CHANCE: Final = 1.0e-3
+#: Probability with which the smallest misfit that is stated would have been seen.
+CHANNEL_POWER: Final = 0.8
 #: Standard error of the variance of the noise [1], all rows alike: the reduction measures deviations to 1.5 %.
 NOISE_ERROR: Final = 0.03
 #: Gain on unseen data that shows that a finding predicts something (3 standard deviations).

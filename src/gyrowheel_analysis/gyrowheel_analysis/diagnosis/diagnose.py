@@ -222,7 +222,9 @@ def _verdict(
         return "unknown"
     if findings:
         return _verdict_of(findings, far, unexplained=unexplained)
-    missed = proof.proven is False and proof.chi2_per_n > proof.allowed
+    missed = proof.proven is False and (
+        proof.chi2_per_n > proof.allowed or proof.reason in ("channel", "dependence")
+    )
     if unexplained or far or (missed and proof.reason not in ("unfixed", "event")):
         return "unknown"
     blind = bool(limits) and not any(limit.visible for limit in limits)

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.criteria import (
     CAUSE_SHARE,
@@ -23,6 +25,13 @@ from gyrowheel_analysis.criteria import (
     PROOF_ROWS,
     VAGUE_PREDICTION,
 )
+from gyrowheel_analysis.diagnosis.channel_checks import (
+    checks,
+    dependence_left,
+    places_of,
+    smallest,
+    speed_of_misfit,
+)
 from gyrowheel_analysis.diagnosis.result import Left, Proof, Reason
 from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, left_out, threshold
 from gyrowheel_analysis.fitting.events import Event
@@ -32,6 +41,8 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, error_row, floor_row
 
 Array = NDArray[np.float64]
+#: Chi-squared of the predicted rows of every channel, and their number.
+Unseen = dict[str, tuple[float, int]]
 
 _BLOCKS = 4  # of time, where there are too few speeds and directions to leave one out
 
@@ -56,9 +67,36 @@ def prove(
     `null` and `best` are the fits without and with the findings, both at their minimum, and `table` has the errors of
     both. `happened` are events in the recordings for validation.
     """
-    if prepared.validation is not None:
-        return _validated(prepared, best, table, happened)
-    return _left_out(prepared, null, best)
+    if prepared.validation is None:
+        proof, unseen, white = _left_out(prepared, null, best)
+        balances = prepared.problem.balances
+    else:
+        proof, unseen, white = _validated(prepared, best, table, happened)
+        balances = prepared.validation.problem.balances
+    if proof.proven is None:
+        return proof
+    found = checks(prepared.problem, best, unseen)
+    proof = replace(proof, channels=found, smallest=smallest(found, unseen))
+    return _by_channel(prepared.problem, best, proof, balances, white) if proof.proven else proof
+
+
+def _by_channel(
+    problem: Problem, best: Fit, proof: Proof, balances: Sequence[Balance], white: Array
+) -> Proof:
+    """Return the proof that fails where a channel fails alone, or still depends on a variable.
+
+    `white` are the whitened residuals of the predicted rows.
+    """
+    worst = max(proof.channels, key=lambda check: check.over, default=None)
+    if worst is not None and worst.over > 1.0:
+        if worst.unseen <= worst.unseen_allowed:
+            balances, white = problem.balances, problem.noise.whiten(best.residual)
+        speed = speed_of_misfit(balances, white, worst.channel)
+        return replace(proof, proven=False, reason="channel", causes=(worst.channel,), speed=speed)
+    left = dependence_left(problem, best)
+    if left is not None:
+        return replace(proof, proven=False, reason="dependence", causes=(left.part, left.variable))
+    return proof
 
 
 # --- on recordings for validation ---
@@ -106,13 +144,24 @@ class _Prediction:
         """Return columns times the inverse of the covariance of noise and prediction."""
         return np.asarray(columns - self._spread @ (self._inner @ (self._spread.T @ columns)))
 
+    def by_channel(self, balances: Sequence[Balance]) -> Unseen:
+        """Return chi-squared by noise and uncertainty of the prediction, and the number of rows, by channel."""
+        found = {}
+        for name, own in places_of(balances).items():
+            spread, white = self._spread[own], self.white[own]
+            inner = np.linalg.solve(np.eye(spread.shape[1]) + spread.T @ spread, spread.T @ white)
+            found[name] = float(white @ (white - spread @ inner)), own.size
+        return found
+
     @property
     def judged(self) -> float:
         """Chi-squared by noise and uncertainty of the prediction."""
         return float(self.white @ self.solved(self.white))
 
 
-def _validated(prepared: Prepared, best: Fit, table: ErrorTable, happened: Sequence[Event]) -> Proof:
+def _validated(
+    prepared: Prepared, best: Fit, table: ErrorTable, happened: Sequence[Event]
+) -> tuple[Proof, Unseen, Array]:
     validation, problem = prepared.validation, prepared.problem
     assert validation is not None
     other = validation.problem.with_scales(problem.noise.scales)
@@ -138,13 +187,16 @@ def _validated(prepared: Prepared, best: Fit, table: ErrorTable, happened: Seque
     ):
         worse = before is not None and before.chi2_per_n * n < seen.plain + PREDICTING_GAIN
         if best.terms and worse:
-            return Proof(name, False, "no_gain", **shown)
-        return Proof(name, True, "predicted", **shown)
-    if seen.judged <= n + slack:
-        return Proof(name, False, "unfixed", causes=_unfixed(problem, best, seen), **shown)
-    if happened and _Prediction(other.with_events(happened), best).judged <= n + slack:
-        return Proof(name, False, "event", **shown)
-    return _misfit(problem, other, best, seen, name, shown)
+            proof = Proof(name, False, "no_gain", **shown)
+        else:
+            proof = Proof(name, True, "predicted", **shown)
+    elif seen.judged <= n + slack:
+        proof = Proof(name, False, "unfixed", causes=_unfixed(problem, best, seen), **shown)
+    elif happened and _Prediction(other.with_events(happened), best).judged <= n + slack:
+        proof = Proof(name, False, "event", **shown)
+    else:
+        proof = _misfit(problem, other, best, seen, name, shown)
+    return proof, seen.by_channel(other.balances), seen.white
 
 
 def _labels(problem: Problem, fit: Fit) -> list[str]:
@@ -263,10 +315,10 @@ class _Predicted(NamedTuple):
     chi2: float
 
 
-def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
+def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, Array]:
     problem = prepared.problem
     name = ", ".join(prepared.names)
-    tried: list[Proof] = []
+    tried: list[tuple[Proof, _Predicted]] = []
     for kind, parts in _parts(problem).items():
         after = _predicted(problem, best, parts)
         before = _predicted(problem, null, parts) if best.terms else after
@@ -277,23 +329,26 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> Proof:
         reason: Reason = "predicted" if proven else "misfit"
         if proven and best.terms and before.chi2 - after.chi2 < PREDICTING_GAIN:
             proven, reason = False, "no_gain"
-        tried.append(
-            Proof(
-                name,
-                proven,
-                reason,
-                left_out=kind,
-                parts=len(parts),
-                chi2_per_n=after.chi2 / n,
-                allowed=1.0 + CHI2_RANGE * _deviation(n) / n,
-                **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
-            )
+        proof = Proof(
+            name,
+            proven,
+            reason,
+            left_out=kind,
+            parts=len(parts),
+            chi2_per_n=after.chi2 / n,
+            allowed=1.0 + CHI2_RANGE * _deviation(n) / n,
+            **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
         )
+        tried.append((proof, after))
         if proven:
-            return tried[-1]
-    # a misfit is reported before a prediction without gain
-    tried.sort(key=lambda proof: proof.reason != "misfit")
-    return tried[0] if tried else Proof(name, None, "not_tried")
+            break
+    if not tried:
+        return Proof(name, None, "not_tried"), {}, np.zeros(0)
+    # the proof if there is one; a misfit is reported before a prediction without gain
+    proof, after = min(tried, key=lambda pair: (not pair[0].proven, pair[0].reason != "misfit"))
+    white = after.white * (problem.noise.deviation() / after.deviation)
+    places = places_of(problem.balances)
+    return proof, {name: (float(white[own] @ white[own]), own.size) for name, own in places.items()}, white
 
 
 def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:

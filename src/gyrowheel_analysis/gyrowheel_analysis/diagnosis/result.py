@@ -20,7 +20,18 @@ if TYPE_CHECKING:
     from gyrowheel_recording.mislabelled import WrongSetup
 
 Left = Literal["", "recording", "speed", "azimuth", "time"]
-Reason = Literal["predicted", "unfixed", "event", "differs", "resembles", "misfit", "no_gain", "not_tried"]
+Reason = Literal[
+    "predicted",
+    "unfixed",
+    "event",
+    "differs",
+    "resembles",
+    "misfit",
+    "channel",
+    "dependence",
+    "no_gain",
+    "not_tried",
+]
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
 
 
@@ -265,6 +276,32 @@ class Beyond:
 
 
 @dataclass(frozen=True)
+class ChannelCheck:
+    """Test of one channel: its mean squares in units of its noise, and what chance allows.
+
+    Attributes
+    ----------
+    channel : str
+        Which one.
+    fitted, fitted_allowed : float
+        χ²/N of the fitted rows, and its limit.
+    unseen, unseen_allowed : float
+        χ²/N of the rows that were predicted, by noise and uncertainty of the prediction, and its limit.
+    """
+
+    channel: str
+    fitted: float
+    fitted_allowed: float
+    unseen: float
+    unseen_allowed: float
+
+    @property
+    def over(self) -> float:
+        """The larger of both over its limit; up to 1 the channel passes."""
+        return max(self.fitted / self.fitted_allowed, self.unseen / self.unseen_allowed)
+
+
+@dataclass(frozen=True)
 class Proof:
     """Whether a fit predicts data that were not fitted.
 
@@ -278,7 +315,9 @@ class Proof:
         ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because the fit
         does not determine `causes`. ``event``: within it except for an event there. ``differs``: the unknown in
         `causes` would need another value there. ``resembles``: fit and prediction together look like the term in
-        `causes`. ``misfit``: none of these. ``no_gain``: the prediction without the findings is as good.
+        `causes`. ``misfit``: none of these. ``channel``: all rows together are predicted, but those of `channel` are
+        not, or do not fit. ``dependence``: what is left of `channel` depends on the variable in `causes`.
+        ``no_gain``: the prediction without the findings is as good.
         ``not_tried``: no part could be left out.
     left_out : str
         Kind of the parts left out in turn: ``recording``, ``speed``, ``azimuth``, ``time``; empty for a validation.
@@ -297,6 +336,12 @@ class Proof:
     before, after, noise : float
         Its error without and with the findings, and its noise [SI]; where parts were left out, the noise with the
         uncertainty of their prediction.
+    speed : float
+        For ``channel``: spin rate at which the misfit is largest [rad/s].
+    channels : tuple of ChannelCheck
+        The test of every channel.
+    smallest : float
+        Smallest misfit that the test of every channel would have shown in four of five cases [noise floors].
     """
 
     recording: str
@@ -314,6 +359,9 @@ class Proof:
     before: float = 0.0
     after: float = 0.0
     noise: float = 0.0
+    speed: float = 0.0
+    channels: tuple[ChannelCheck, ...] = ()
+    smallest: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,17 @@
-"""Proof of the findings on data that were not fitted, and doubts about a fit."""
+"""Test of the findings on data that were not fitted, and doubts about a fit."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from rich.text import Text
 
 from gyrowheel.show.error_table import unit_of, units_of
-from gyrowheel_analysis.channels import LISTED
+from gyrowheel.show.sentences.residuals import TITLES
+from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_core.quantities import fixed, listed, quantity
+from gyrowheel_core.units import RPM
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.add import Doubt
@@ -22,23 +25,24 @@ _PARTS = {
     "azimuth": "tilt directions",
     "time": "stretches of time",
 }
-#: Advice where nothing could be proven.
-HOW = "A recording that was not fitted proves it: --validate."
+#: Advice where nothing could be tested.
+HOW = "A recording that was not fitted tests it: --validate."
 
 
 def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
-    """Return whether the findings are proven, with the reason where they are not.
+    """Return whether the findings are consistent with data that were not fitted, with the reason where they are not.
 
     The units are those of the table of errors on the same page.
     """
     if proof is None:
-        return "NOT proven: nothing could be diagnosed."
+        return "NOT tested: nothing could be diagnosed."
     if proof.proven is None:
-        return f"Not tried on anything that was not fitted: too few windows to leave some out. {HOW}"
-    on = f" on {proof.recording}" if not proof.left_out else ""
-    if proof.proven:
-        return f"Proven{on}: {_parts(proof)}{_error(proof, table)}."
-    return f"NOT proven{on}: {_parts(proof)}{_why(proof, table)}."
+        return f"Not tested on anything that was not fitted: too few windows to leave some out. {HOW}"
+    on = f" with {proof.recording}" if not proof.left_out else ""
+    if not proof.proven:
+        return f"NOT consistent{on}: {_parts(proof)}{_why(proof, table)}."
+    power = f"; {fixed(proof.smallest)} noise floors in a channel would have shown" if proof.smallest else ""
+    return f"Consistent{on} in every channel: {_parts(proof)}{_error(proof, table)}{power}."
 
 
 def proof_line(proof: Proof | None, table: ErrorTable | None = None) -> Text:
@@ -72,6 +76,11 @@ def _chi2(proof: Proof) -> str:
 
 def _why(proof: Proof, table: ErrorTable | None) -> str:
     misfit = f"{_chi2(proof)}, where chance allows {fixed(proof.allowed)}"
+    if proof.reason == "channel":
+        return _off(proof)
+    if proof.reason == "dependence":
+        part, variable = proof.causes
+        return f"what is left of the {CHANNELS[part].subject} depends on the {TITLES[variable]}"
     if proof.reason == "no_gain":
         return f"the error does not fall there, {_error(proof, table)}"
     if proof.reason == "unfixed":
@@ -85,6 +94,19 @@ def _why(proof: Proof, table: ErrorTable | None) -> str:
     if proof.reason == "resembles":
         return f"{misfit}; what is left there looks like {proof.causes[0]}"
     return f"{misfit}; no single parameter or known effect accounts for it"
+
+
+def _off(proof: Proof) -> str:
+    """Return the channel that fails alone, its size in noise floors, and where it is largest."""
+    (name,) = proof.causes
+    check = next(c for c in proof.channels if c.channel == name)
+    unseen = check.unseen > check.unseen_allowed
+    size, allowed = (check.unseen, check.unseen_allowed) if unseen else (check.fitted, check.fitted_allowed)
+    where = "" if unseen else " in the fitted recordings"
+    return (
+        f"{LISTED[name].subject} {fixed(math.sqrt(size))} times its noise{where}, where chance allows "
+        f"{fixed(math.sqrt(allowed))}; largest at {proof.speed / RPM:.0f} rpm"
+    )
 
 
 def _differs(proof: Proof) -> str:
