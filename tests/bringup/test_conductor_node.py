@@ -18,7 +18,7 @@ from rclpy.action import ActionClient
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from gyrowheel_bringup.graph.plan_run import PlanRequest, run_plan
+from gyrowheel_bringup.graph.plan_client import PlanRequest, run_plan
 from gyrowheel_bringup.graph.results import GraphError
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire

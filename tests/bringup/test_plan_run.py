@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
-from gyrowheel_bringup.graph import GraphError, Progress, plan_run
+from gyrowheel_bringup.graph import GraphError, Progress, plan_client
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.node import requests
 
@@ -83,7 +83,7 @@ class Conductor:
             self.asked[-1].value = DONE
 
     def run(self, patience: float = 60.0, **options: Any) -> Any:
-        return plan_run.run_plan(
+        return plan_client.run_plan(
             self,
             Plan.load("check"),
             spin=self.spin,
@@ -176,4 +176,4 @@ def test_a_plan_may_be_refused() -> None:
     ],
 )
 def test_the_fault_of_a_plan_is_that_of_what_ended_it(message: str, fault: str) -> None:
-    assert plan_run.fault_of(message) == fault
+    assert plan_client.fault_of(message) == fault

@@ -551,7 +551,7 @@ def test_the_proposed_formula_is_valid_input(gyrowheel: Shell, tmp_path: Path):
     # what was found, with its edge, and not where the fit of the family began
     for name, estimate in form["coefficients"].items():
         error = estimate["standard_error"]
-        # each fit estimates the drift anew; that moves an amplitude that is nothing by more than one that is there
+        # each fit estimates the drift again, which moves a zero amplitude more than a real one
         allowed = 0.5 if abs(estimate["value"]) > 5.0 * error else 3.0
         assert abs(first[name]["value"] - estimate["value"]) < allowed * error
     edge = form["coefficients"]["p"]["value"]

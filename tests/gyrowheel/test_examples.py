@@ -1,4 +1,4 @@
-"""The notebooks in examples/ run as they stand, and show what the API returns; their pages are of these scripts."""
+"""The notebooks in examples/ run unchanged and show what the API returns; their pages are made from these scripts."""
 
 from __future__ import annotations
 

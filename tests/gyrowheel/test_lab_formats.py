@@ -350,7 +350,7 @@ def test_an_undersampled_angle_is_left_out(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["uint16", "uint32", "int16"])
 def test_small_whole_numbers_as_times_do_not_overflow(kind: str) -> None:
-    """A counter of milliseconds that begins anew goes back; one from below zero on does not."""
+    """A counter of milliseconds that starts again goes back; one from below zero on does not."""
     begin = -1000 if kind == "int16" else 65536 - 1000 if kind == "uint16" else 2**32 - 1000
     ticks = (begin + np.arange(N)).astype(kind)
     own = columns()

@@ -1,4 +1,4 @@
-"""Nodes of one's own in the place of those of the bench: the code of the pages, as it stands there."""
+"""User-defined nodes instead of those of the bench: the code of the pages."""
 
 from __future__ import annotations
 

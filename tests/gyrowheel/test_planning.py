@@ -1,4 +1,4 @@
-"""Plan files of one's own, from the command line and from Python."""
+"""User-defined plan files, from the command line and from Python."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def test_a_killed_investigation_resumes(tmp_path: Path):
         for path in map(Path, step["recordings"]):
             whole = (path / "samples").read_text()
             assert (folder / path.name / "samples").read_text() == whole
-            # what was recorded until the kill is kept beside it
+            # what was recorded until the kill is kept next to it
             for part in folder.glob(f"{path.name}-interrupted-*/samples"):
                 assert whole.startswith(part.read_text())
 

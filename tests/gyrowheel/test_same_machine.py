@@ -1,4 +1,4 @@
-"""Recordings of one machine: their name, the refusal of a mix, tests that go on with the same one, wrong setups."""
+"""Recordings of one machine: their name, the refusal of a mix, tests that continue with the same one, wrong setups."""
 
 from __future__ import annotations
 

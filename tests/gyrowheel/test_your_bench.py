@@ -1,4 +1,4 @@
-"""Bench files of one's own: begun as a copy, all mistakes at once, what they can reach; the how-to, walked."""
+"""User-defined bench files: copied from another one, all errors at once, their capability; the guide, step by step."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def said(bench: Bench) -> str:
 def test_the_guide_leads_from_a_bench_file_to_a_diagnosis(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every command of the page as it stands there, and the change of the file that it shows."""
+    """Every command of the page, and the change of the file that it shows."""
     monkeypatch.chdir(tmp_path)
     (change,) = re.findall(r"<!-- change: (\S+) -->\n```yaml\n(.*?)```", PAGE, re.DOTALL)
     commands = re.findall(r"^\$ gyrowheel (.*)$", PAGE, re.MULTILINE)

@@ -18,7 +18,7 @@ from gyrowheel_bringup.graph import (
     find_executable,
     run_executable,
 )
-from gyrowheel_bringup.graph.plan_run import run_and_record
+from gyrowheel_bringup.graph.plan_client import run_and_record
 from gyrowheel_bringup.replay_session import Outcome, play
 from gyrowheel_bringup.viewers import foxglove_layout, share_file
 from gyrowheel_control.plans.adaptation import plan_for

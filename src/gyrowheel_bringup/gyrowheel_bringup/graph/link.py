@@ -18,7 +18,7 @@ from rclpy.action import ActionClient
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_bringup.graph.foreign_nodes import Strangers
 from gyrowheel_bringup.graph.local_node import executor_of, local_node
-from gyrowheel_bringup.graph.plan_run import fault_of, run_plan
+from gyrowheel_bringup.graph.plan_client import fault_of, run_plan
 from gyrowheel_bringup.graph.processes import Processes
 from gyrowheel_bringup.graph.results import GraphError, Progress
 from gyrowheel_control.plans.plan import Plan

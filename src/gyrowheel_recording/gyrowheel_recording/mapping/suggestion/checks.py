@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -108,49 +108,45 @@ def sentinel(own: Proposal, column: Column) -> float:
     return float(different[0]) if len(different) == 1 else math.nan
 
 
-def value_problems(own: Proposal, column: Column, bench: Bench) -> list[Problem]:
-    """Return the problems of the values of a column of readings."""
+def value_problems(own: Proposal, column: Column, bench: Bench) -> Iterator[Problem]:
+    """Yield the problems of the values of a column of readings."""
     values = np.asarray(column.values, dtype=np.float64)
-    found = _sentinels(own, column, values)
+    yield from _sentinels(own, column, values)
     values = values[np.isfinite(values) & (values != sentinel(own, column))]
     if own.field in _CLIPPED:
-        found += _clipped(own, values, bench)
-    return found + _two_units(own, values)
+        yield from _clipped(own, values, bench)
+    yield from _two_units(own, values)
 
 
-def _sentinels(own: Proposal, column: Column, values: Array) -> list[Problem]:
+def _sentinels(own: Proposal, column: Column, values: Array) -> Iterator[Problem]:
     nothing = sentinel(own, column)
     if math.isnan(nothing):
-        return []
+        return
     rows = np.flatnonzero(values == nothing)
-    return [
-        Problem(
-            f"{own.field}: {len(rows)} of {len(values)} values of '{own.column}' are {nothing:g}, first in row "
-            f"{rows[0] + 1}: no reading can be that.",
-            f"`missing: {nothing:g}` at the column in the map takes it for no reading.",
-            asks=False,
-        )
-    ]
+    yield Problem(
+        f"{own.field}: {len(rows)} of {len(values)} values of '{own.column}' are {nothing:g}, first in row "
+        f"{rows[0] + 1}: no reading can be that.",
+        f"`missing: {nothing:g}` at the column in the map takes it for no reading.",
+        asks=False,
+    )
 
 
-def _clipped(own: Proposal, values: Array, bench: Bench) -> list[Problem]:
-    """Return that a reading stays at the end of its range, where no range of the bench ends."""
+def _clipped(own: Proposal, values: Array, bench: Bench) -> Iterator[Problem]:
+    """Yield that a reading stays at the end of its range, where no range of the bench ends."""
     if len(values) < 2 * _STAYS or len(np.unique(values[:5000])) < 0.2 * len(values[:5000]):
-        return []
+        return
     factor = conversion(own.unit, UNITS[own.field])[1] * own.scale
     limits = [bench.value(name) for name in ("coil_voltage_limit", "supply_voltage")]
     for end in (float(values.max()), float(values.min())):
         at = values == end
         if _longest(at) < _STAYS or any(abs(abs(end * factor) / limit - 1.0) < 0.02 for limit in limits):
             continue
-        return [
-            Problem(
-                f"{own.field}: '{own.column}' stays at {end:.6g} {own.unit}, the end of its range, in {int(at.sum())} "
-                "rows: the logger seems to clip it.",
-                "Measure with a wider range, or leave the column out; what is clipped is no average.",
-            )
-        ]
-    return []
+        yield Problem(
+            f"{own.field}: '{own.column}' stays at {end:.6g} {own.unit}, the end of its range, in {int(at.sum())} "
+            "rows: the logger seems to clip it.",
+            "Measure with a wider range, or leave the column out; what is clipped is no average.",
+        )
+        return
 
 
 def _longest(where: NDArray[np.bool_]) -> int:
@@ -159,11 +155,11 @@ def _longest(where: NDArray[np.bool_]) -> int:
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
-def _two_units(own: Proposal, values: Array) -> list[Problem]:
-    """Return that a column goes on in another unit: from one row to the next all is larger by such a factor."""
+def _two_units(own: Proposal, values: Array) -> Iterator[Problem]:
+    """Yield that a column goes on in another unit: from one row to the next all is larger by such a factor."""
     blocks = len(values) // _BLOCK
     if own.field == "spin_angle" or blocks < 8:
-        return []
+        return
     size = np.median(np.abs(values[: blocks * _BLOCK]).reshape(blocks, _BLOCK), axis=1)
     one, other = size[:-3] + size[1:-2], size[2:-1] + size[3:]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -185,15 +181,13 @@ def _two_units(own: Proposal, values: Array) -> list[Problem]:
                     here = values[k * _BLOCK :][row + 1 - _BESIDE : row + 1 + _BESIDE]
                     if not _scatters_as_much(here, factor):
                         continue
-                    return [
-                        Problem(
-                            f"{own.field}: '{own.column}' goes on in another unit from row {k * _BLOCK + row + 2} on: "
-                            f"all is {high / low:.4g} times as {'large' if after[0] > before[-1] else 'small'}, as "
-                            f"between {units[0]} and {units[1]}.",
-                            "Write all rows in one unit.",
-                        )
-                    ]
-    return []
+                    yield Problem(
+                        f"{own.field}: '{own.column}' goes on in another unit from row {k * _BLOCK + row + 2} on: "
+                        f"all is {high / low:.4g} times as {'large' if after[0] > before[-1] else 'small'}, as "
+                        f"between {units[0]} and {units[1]}.",
+                        "Write all rows in one unit.",
+                    )
+                    return
 
 
 def _scatters_as_much(values: Array, factor: float) -> bool:
@@ -203,8 +197,8 @@ def _scatters_as_much(values: Array, factor: float) -> bool:
     return low == high or (low > 0.0 and abs(math.log(high / low / factor)) < math.log(3.0))
 
 
-def merged_loggers(found: Mapping[str, Proposal], grid: Grid) -> list[Problem]:
-    """Return that the rows of two loggers are merged: some columns have values just where others have none."""
+def merged_loggers(found: Mapping[str, Proposal], grid: Grid) -> Iterator[Problem]:
+    """Yield that the rows of two loggers are merged: some columns have values just where others have none."""
     groups: dict[bytes, tuple[Any, list[str]]] = {}
     for own in found.values():
         column = grid.columns[own.column]
@@ -221,14 +215,12 @@ def merged_loggers(found: Mapping[str, Proposal], grid: Grid) -> list[Problem]:
         for other, others in sides[k + 1 :]:
             both = np.count_nonzero(one & other)
             if len(one) == len(other) and both < 0.01 * len(one) < 0.05 * min(one.sum(), other.sum()):
-                return [
-                    Problem(
-                        f"{', '.join(names)} have values only in rows in which {', '.join(others)} have none: the "
-                        "rows of two loggers are merged.",
-                        "Write the rows of each logger as a table of its own, and import both together.",
-                    )
-                ]
-    return []
+                yield Problem(
+                    f"{', '.join(names)} have values only in rows in which {', '.join(others)} have none: the "
+                    "rows of two loggers are merged.",
+                    "Write the rows of each logger as a table of its own, and import both together.",
+                )
+                return
 
 
 _CLEAR_STEPS: Final = 6.0  # robust standard deviations of the steps, as for the clock of an import
