@@ -136,7 +136,7 @@ def add_effect(
     if prepared.validation is not None:
         events += unused_events(prepared.validation.problem, after, validate)
     errors = errors_of(before, after, prepared)
-    coefficients = {term.name: estimates(term, after) for term in terms}
+    coefficients = {term.name: estimates(problem, term, after) for term in terms}
     doubts = _doubts(problem, after, terms, air)
     for name, found, own_doubts in _found_air(problem, after, air):
         coefficients[name] = found

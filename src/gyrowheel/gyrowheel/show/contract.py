@@ -209,7 +209,16 @@ def _region(region: Region) -> dict[str, Any]:
 
 
 def _coefficients(values: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {name: _picked(e, "value standard_error unit") for name, e in values.items()}
+    return {name: _picked(e, "value standard_error unit") | _prior(e) for name, e in values.items()}
+
+
+def _prior(e: Estimate) -> dict[str, Any]:
+    """Return the prior of a coefficient that has one, and what the data alone give."""
+    if e.prior is None:
+        return {}
+    data = None if e.data is None else {"value": e.data[0], "standard_error": e.data[1]}
+    prior = {"mean": e.prior.mean, "standard_deviation": e.prior.deviation, "source": e.source}
+    return {"prior": prior, "data": data}
 
 
 def _picked(item: object, names: str) -> dict[str, Any]:

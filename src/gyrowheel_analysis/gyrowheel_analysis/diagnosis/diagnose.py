@@ -46,7 +46,7 @@ from gyrowheel_analysis.diagnosis.unknown import (
     whole_exponents,
     with_exponents,
 )
-from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Prior, Term, without_prior
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
@@ -272,7 +272,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
         name=term.name,
         effect_title=term.effect.title if term.effect else "",
         effect_sentence=term.effect.sentence if term.effect else "",
-        coefficients=estimates(term, best),
+        coefficients=estimates(problem, term, best),
         delta_chi2=finding.delta_chi2,
         formula=term.effect.formula
         if term.effect
@@ -298,18 +298,25 @@ def _in_model(term: Term, problem: Problem) -> dict[str, Estimate] | None:
     }
 
 
-def estimates(term: Term, fit: Fit) -> dict[str, Estimate]:
-    """Return the coefficients of a term as fitted."""
-    units = {c.name: c.unit for c in term.effect.coefficients} if term.effect else {"relative_error": "1"}
-    return {
-        name: Estimate(fit.coefficients[term.name][name], fit.standard_error(term.name, name), units[name])
-        for name in term.coefficients
-    }
+def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
+    """Return the coefficients of a term as fitted, with the priors of its shapes."""
+    found = {}
+    declared = {c.name: c for c in term.effect.coefficients} if term.effect else {}
+    for name in term.coefficients:
+        value, error = fit.coefficients[term.name][name], fit.standard_error(term.name, name)
+        c = declared.get(name)
+        if c is None or c.shape is None or c.shape_uncertainty == 0.0:
+            found[name] = Estimate(value, error, "1" if c is None else c.unit)
+            continue
+        prior = Prior(problem.unknowns.null(term)[name], c.shape_uncertainty)
+        source = "the model" if term.name in problem.unknowns.known else c.source
+        found[name] = Estimate(value, error, c.unit, prior, without_prior(value, error, prior), source)
+    return found
 
 
 def _free_form(proposal: Proposal, problem: Problem) -> FreeForm:
     effect = as_found(proposal, problem.unknowns.known)
-    found = estimates(proposal.term, proposal.fit)
+    found = estimates(problem, proposal.term, proposal.fit)
     whole = whole_exponents(effect, {name: (own.value, own.standard_error) for name, own in found.items()})
     return FreeForm(
         effect_to_line(effect),

@@ -13,6 +13,7 @@ from gyrowheel_analysis.reduction.windows import Coverage
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.fitting.events import Kind
+    from gyrowheel_analysis.fitting.fit import Prior
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals
     from gyrowheel_analysis.residuals.growth import Growth
@@ -37,11 +38,28 @@ Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insuffic
 
 @dataclass(frozen=True)
 class Estimate:
-    """A coefficient with its standard error, in `unit`."""
+    """A coefficient with its standard error, in `unit`.
+
+    Attributes
+    ----------
+    value, standard_error : float
+        By the data, and the prior if there is one.
+    unit : str
+        SI unit.
+    prior : Prior or None
+        Its prior; None where the data alone decide.
+    data : tuple of float or None
+        Estimate and standard error from the data alone; None without a prior, and where they do not determine it.
+    source : str
+        Where the prior comes from.
+    """
 
     value: float
     standard_error: float
     unit: str
+    prior: Prior | None = None
+    data: tuple[float, float] | None = None
+    source: str = ""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from gyrowheel_analysis.fitting.fit import Point, Term
+from gyrowheel_analysis.fitting.fit import Point, Prior, Term
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.problem import Problem
 
@@ -26,13 +26,6 @@ LOSSES: dict[str, Callable[[Array], Array]] = {
     "huber": lambda z: np.where(z <= 1.0, z, 2.0 * np.sqrt(z) - 1.0),
     "cauchy": np.log1p,
 }
-
-
-class Prior(NamedTuple):
-    """A normal prior, in the SI unit of its parameter."""
-
-    mean: float
-    deviation: float
 
 
 class Unknown(NamedTuple):

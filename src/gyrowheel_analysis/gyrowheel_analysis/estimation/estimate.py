@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.diagnosis.events import accepted, beside_events
-from gyrowheel_analysis.estimation.cost import LOSSES, Cost, Minimum, Prior, Unknown, log_determinant
+from gyrowheel_analysis.estimation.cost import LOSSES, Cost, Minimum, Unknown, log_determinant
 from gyrowheel_analysis.estimation.result import STEP, Estimation, Matrix, Parameter
-from gyrowheel_analysis.fitting.fit import Term
+from gyrowheel_analysis.fitting.fit import Prior, Term, without_prior
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
@@ -34,8 +34,6 @@ Array = NDArray[np.float64]
 _FIRST_STEP = 1e-3
 #: Relative change of the cost at which a minimum is good enough to start from.
 _ROUGH = 1e-9
-#: Part of the prior deviation from which on the data do not determine a parameter.
-_FROM_PRIOR = 0.995
 
 
 @one_thread()
@@ -226,7 +224,7 @@ def _estimation(
     parameters = {
         u.name: Parameter(
             u.name, float(x), float(error), u.unit, u.start, True, u.prior, u.bounds, k in found.at_bound,
-            None if k in found.at_bound else _without_prior(float(x), float(error), u.prior),
+            None if k in found.at_bound else without_prior(float(x), float(error), u.prior),
         )
         for k, (u, x, error) in enumerate(zip(cost.free, found.values, errors, strict=True))
     }  # fmt: skip
@@ -266,14 +264,6 @@ def _estimation(
         _cost=cost,
         _prepared=prepared,
     )
-
-
-def _without_prior(value: float, error: float, prior: Prior | None) -> tuple[float, float] | None:
-    """Return what the data alone give of a parameter with a normal prior; None where they give nothing."""
-    if prior is None or error >= _FROM_PRIOR * prior.deviation:
-        return None
-    variance = 1.0 / (1.0 / error**2 - 1.0 / prior.deviation**2)
-    return variance * (value / error**2 - prior.mean / prior.deviation**2), math.sqrt(variance)
 
 
 def _summary(parameters: Mapping[str, Parameter]) -> list[str]:

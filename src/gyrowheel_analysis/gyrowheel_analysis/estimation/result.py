@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 from scipy.stats import chi2 as chi2_distribution
 
 from gyrowheel_analysis.channels import LISTED
-from gyrowheel_analysis.estimation.cost import Cost, Prior, log_determinant
+from gyrowheel_analysis.estimation.cost import Cost, log_determinant
+from gyrowheel_analysis.fitting.fit import Prior
 from gyrowheel_analysis.fitting.preparation import Prepared, one_thread
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.residuals.error_table import channel_parts, channel_values, channels_of

@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect
+from gyrowheel_analysis.criteria import UNCONSTRAINED
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, physical, registry
@@ -70,6 +72,24 @@ def instrument_terms() -> list[Term]:
 
 
 Array = NDArray[np.float64]
+
+
+class Prior(NamedTuple):
+    """A normal prior of a parameter, in its SI unit."""
+
+    mean: float
+    deviation: float
+
+
+def without_prior(value: float, error: float, prior: Prior | None) -> tuple[float, float] | None:
+    """Return estimate and standard error that the data alone give of a parameter with a prior.
+
+    None where it has no prior, or the data do not determine it: more than `UNCONSTRAINED` of the prior is left.
+    """
+    if prior is None or error >= UNCONSTRAINED * prior.deviation:
+        return None
+    variance = 1.0 / (1.0 / error**2 - 1.0 / prior.deviation**2)
+    return variance * (value / error**2 - prior.mean / prior.deviation**2), math.sqrt(variance)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from gyrowheel.show.formulas import is_pure
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         Beyond,
         Diagnosis,
         EffectFinding,
+        Estimate,
         FreeForm,
         NextTest,
         TieReport,
@@ -226,10 +227,32 @@ def _too_little(found: Diagnosis) -> str:
 def evidence(finding: EffectFinding) -> list[str]:
     """Return the evidence for a finding, a sentence each."""
     return [
+        *prior_sentences(finding.name, finding.coefficients),
         *(f"with all else fitted, {growth_sentence(law)}" for law in finding.growth),
         f"without it χ² is {finding.delta_chi2:.0f} worse, all else fitted again",
         *(f"with {r.name} in its place χ² is {r.delta_chi2:.0f} worse" for r in finding.rivals),
     ]
+
+
+def prior_sentences(effect: str, coefficients: Mapping[str, Estimate]) -> list[str]:
+    """Return what the data alone give of every coefficient that has a prior, and the prior."""
+    said = []
+    for name, e in coefficients.items():
+        if e.prior is None:
+            continue
+        prior, *data = (
+            with_error(*pair_of, e.unit, pure=is_pure(effect, name))
+            for pair_of in (e.prior, e.data)
+            if pair_of
+        )
+        source = f" ({e.source})" if e.source else ""
+        if data:
+            said.append(
+                f"{name} is {data[0]} by the data alone; the estimate includes the prior {prior}{source}"
+            )
+        else:
+            said.append(f"{name} is the prior {prior}{source}: these recordings do not determine it")
+    return said
 
 
 def tie_sentence(tie: TieReport) -> str:
