@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from gyrowheel_sim.effects import (
     effect_from_text,
     effect_to_mapping,
     parse_option,
+    registry,
 )
 from gyrowheel_sim.effects.law_code import array_law, laws_source
 from gyrowheel_sim.effects.quantities import QUANTITIES
@@ -246,3 +248,15 @@ def test_coefficients_may_have_the_names_of_variables_in_the_code() -> None:
     quantities = dict.fromkeys(QUANTITIES, 1.0)
     got = array_law(own, 0)({**quantities, "z": z_now, **values})
     assert got == pytest.approx(sum(values.values()) * 0.03 * 0.05)
+
+
+@pytest.mark.parametrize("name", [name for name, effect in registry().items() if effect.directions])
+def test_the_sentence_of_an_effect_agrees_with_the_sign_of_its_coefficient(name: str) -> None:
+    effect = registry()[name]
+    (amplitude,) = effect.amplitudes
+    assert amplitude.signed
+    below, above = (effect.sentence_for({amplitude.name: sign * amplitude.default}) for sign in (-1.0, 1.0))
+    assert re.search(r"\b(less|soften|behind)\b", below)
+    assert re.search(r"\b(more|adds|grow)\b", above)
+    # the catalogue, which knows no sign, takes no side
+    assert not re.search(r"\b(less|more)\b", effect.sentence)

@@ -271,7 +271,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     return EffectFinding(
         name=term.name,
         effect_title=term.effect.title if term.effect else "",
-        effect_sentence=term.effect.sentence if term.effect else "",
+        effect_sentence=term.effect.sentence_for(best.coefficients[term.name]) if term.effect else "",
         coefficients=estimates(problem, term, best),
         delta_chi2=finding.delta_chi2,
         formula=term.effect.formula

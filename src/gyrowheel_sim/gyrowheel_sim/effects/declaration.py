@@ -102,6 +102,7 @@ class Effect:
     #: Largest possible size of the amplitudes together, the root of the sum of their squares: for the
     #: components of one vector. None where there is no limit.
     greatest: float | None = None
+    directions: tuple[str, str] | None = None
 
     def __post_init__(self) -> None:
         """Refuse a declaration that contradicts itself."""
@@ -121,6 +122,12 @@ class Effect:
             low, high = c.physical
             if not low <= c.null <= high:
                 raise ValueError(f"effect {self.name}: {c.name}: what is possible leaves out {c.null:g}")
+
+    def sentence_for(self, values: Mapping[str, float]) -> str:
+        """Return the physics in one sentence for coefficients of some sign."""
+        if self.directions is None:
+            return self.sentence
+        return self.directions[values[self.amplitudes[0].name] > 0.0]
 
     @property
     def amplitudes(self) -> tuple[Coefficient, ...]:

@@ -15,6 +15,7 @@ from gyrowheel.show.sentences.findings import (
 )
 from gyrowheel.show.sentences.residuals import growth_sentence
 from gyrowheel.show.sentences.setup import problem
+from gyrowheel_core.errors import with_article
 from gyrowheel_core.quantities import decimal, listed, pair, quantity, with_error
 
 if TYPE_CHECKING:
@@ -190,7 +191,8 @@ def _fails_elsewhere(found: Diagnosis) -> bool:
 def _some(names: Sequence[str], most: int = 4) -> str:
     """Return some names as a subject, and how many more there are."""
     if len(names) <= most:
-        return f"{'A ' if len(names) == 1 else ''}{listed(names, 'or')}"
+        text = with_article(names[0]) if len(names) == 1 else listed(names, "or")
+        return f"{text[0].upper()}{text[1:]}" if len(names) == 1 else text
     return f"{', '.join(names[: most - 1])} or one of {len(names) - most + 1} more"
 
 
@@ -268,7 +270,7 @@ def purpose(test: NextTest) -> str:
     """Return the purpose of a test."""
     if test.separates is not None:
         return "separates {} from {}".format(*test.separates)
-    return f"would show a {test.reveals} of usual size, which these recordings do not"
+    return f"would show {with_article(str(test.reveals))} of usual size, which these recordings do not"
 
 
 def _either(names: list[str]) -> str:

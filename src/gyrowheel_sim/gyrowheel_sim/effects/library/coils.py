@@ -14,7 +14,11 @@ COIL_TILT = Effect(
     name="coil_tilt",
     title="torque constant of the coils changes with tilt",
     category="actuator",
-    sentence="At a tilt the coils leave the uniform part of the magnets' field, and a volt gives less torque.",
+    sentence="At a tilt the coils leave the uniform part of the magnets' field, which changes their torque per volt.",
+    directions=(
+        "At a tilt the coils leave the uniform part of the magnets' field, and a volt gives less torque.",
+        "At a tilt the coils come into a stronger part of the magnets' field, and a volt gives more torque.",
+    ),
     laws=(Law("coil_gain", _g * z * sp.conjugate(z) / z_ref**2),),
     coefficients=(
         amplitude(
@@ -39,7 +43,11 @@ COIL_HEATING = Effect(
     name="coil_heating",
     title="torque constant of the coils changes with temperature",
     category="actuator",
-    sentence="Warm coils have more resistance and warm magnets less field, so a volt gives less torque.",
+    sentence="Temperature changes the resistance of the coils and the field of the magnets, so the torque per volt.",
+    directions=(
+        "Warm coils have more resistance and warm magnets less field, so a volt gives less torque.",
+        "A volt gives more torque as the coils get warmer: neither copper nor magnets do that on a voltage drive.",
+    ),
     laws=(Law("coil_gain", _a * (T_coil - T_ref)),),
     coefficients=(
         amplitude(

@@ -64,7 +64,11 @@ MOTOR_HEATING = Effect(
     name="motor_heating",
     title="motor constant changes with the magnets' temperature",
     category="motor",
-    sentence="Warm magnets have less field, and so less back-EMF and less torque per ampere.",
+    sentence="Temperature changes the field of the motor's magnets, and so back-EMF and torque per ampere.",
+    directions=(
+        "Warm magnets have less field, and so less back-EMF and less torque per ampere.",
+        "Back-EMF and torque per ampere grow as the motor gets warmer: magnets alone do the opposite.",
+    ),
     laws=(Law("motor_gain", _m * (T_motor - T_ref)),),
     coefficients=(
         amplitude(

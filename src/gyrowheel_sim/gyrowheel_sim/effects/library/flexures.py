@@ -10,9 +10,13 @@ from gyrowheel_sim.effects.quantities import Omega, axis, theta, theta_rate
 
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
-    title="flexures stiffen with their angle",
+    title="stiffness of the flexures changes with their angle",
     category="flexure",
-    sentence="Crossed flexures stretch at larger angles, which adds a restoring torque with the cube of the angle.",
+    sentence="Crossed flexures stretch at larger angles, which changes their torque with the cube of the angle.",
+    directions=(
+        "The flexures soften at larger angles: the restoring torque falls behind by the cube of the angle.",
+        "Crossed flexures stretch at larger angles, which adds a restoring torque with the cube of the angle.",
+    ),
     laws=(Law("flexure_torque", -_q * theta**3),),
     coefficients=(
         amplitude(
