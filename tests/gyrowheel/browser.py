@@ -48,13 +48,14 @@ def serious_faults(page: Any) -> list[str]:
 
 
 def press(target: Any, *keys: str) -> None:
-    """Go to an element of the page with the Tab key alone, and press keys there: Enter if none are given."""
+    """Go to an element of the page with the Tab key alone, either way, and press keys there: Enter if none are given."""
     keyboard = target.page.keyboard
     target.wait_for()
+    way = "(own) => own === document.activeElement ? 0 : own.compareDocumentPosition(document.activeElement)"
     for _ in range(600):
-        if target.evaluate("(own) => own === document.activeElement"):
+        if not (place := target.evaluate(way)):
             break
-        keyboard.press("Tab")
+        keyboard.press("Shift+Tab" if place & 4 else "Tab")  # 4: the focus is behind it
     else:
         raise AssertionError(f"{target}: is not reached with Tab")
     for key in keys or ("Enter",):
