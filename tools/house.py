@@ -82,7 +82,7 @@ HOUSE = (
             ("fitting", "torques", "capability"),
             ("residuals",),
             ("diagnosis", "drag", "compare", "rate_sensor"),
-            ("add", "calibrate", "estimation"),
+            ("add", "calibrate", "compare_models", "estimation"),
             ("nodes",),
         ),
     ),

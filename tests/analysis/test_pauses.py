@@ -119,7 +119,7 @@ def paused(recording: Recording, directory: Path, pause: float, share: float) ->
     return Recording.open(directory)
 
 
-@pytest.mark.parametrize("pause", [NIGHT, DECADES])
+@pytest.mark.parametrize("pause", [pytest.param(NIGHT, marks=pytest.mark.study), DECADES])
 @pytest.mark.parametrize("share", [0.31, pytest.param(0.5, marks=pytest.mark.study)])
 def test_the_analysis_uses_both_sides_of_a_pause(
     recording: Recording, tmp_path: Path, pause: float, share: float

@@ -59,7 +59,11 @@ def asked(run: gw.Recording) -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "add", lambda: model.add("aero_cross", fit=run)
 
 
-@pytest.mark.parametrize("absent", [COILS, COILS[:1], MOTOR, (*COILS, "motor_current")], ids="+".join)
+@pytest.mark.parametrize(
+    "absent",
+    [COILS, COILS[:1], MOTOR, pytest.param((*COILS, "motor_current"), marks=pytest.mark.study)],
+    ids="+".join,
+)
 def test_every_verb_answers_or_refuses_where_columns_are_missing(
     run: gw.Recording, absent: tuple[str, ...]
 ) -> None:

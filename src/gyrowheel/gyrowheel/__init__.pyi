@@ -11,7 +11,9 @@ from gyrowheel.catalogue.api import effects as effects
 from gyrowheel.catalogue.api import own_effect as own_effect
 from gyrowheel.catalogue.api import plans as plans
 from gyrowheel.comparison.api import Comparison as Comparison
+from gyrowheel.comparison.api import ModelComparison as ModelComparison
 from gyrowheel.comparison.api import compare as compare
+from gyrowheel.comparison.api import compare_models as compare_models
 from gyrowheel.diagnosis.api import Diagnosis as Diagnosis
 from gyrowheel.diagnosis.api import diagnose as diagnose
 from gyrowheel.drag_comparison.api import Drag as Drag

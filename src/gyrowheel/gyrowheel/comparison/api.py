@@ -1,4 +1,4 @@
-"""The error of a model on recordings, and where it is large."""
+"""The error of a model on recordings and where it is large; two models on the same recordings."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.api import explained_by, wrong_setups
 from gyrowheel.recordings.inputs import Recordings, Say, data, of_one_machine
-from gyrowheel.show.result import Result
+from gyrowheel.show.result import Result, columns_of
 from gyrowheel_analysis import compare as facts
+from gyrowheel_analysis import compare_models as two_models
 from gyrowheel_analysis.residuals.maps import ResidualMap, residual_map, variables_of
+from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -119,3 +121,79 @@ def compare(
         found = facts.compare(data(given), model.details, progress=progress)
     channels, raw = MappingProxyType(found.channels), MappingProxyType(found.raw_rms)
     return Comparison.of(replace(found, channels=channels, raw_rms=raw), setup=tuple(wrong))
+
+
+@dataclass(frozen=True, repr=False)
+class ModelComparison(Result, two_models.ModelComparison):
+    """Outcome of `gyrowheel.compare_models`.
+
+    The fields are those of `gyrowheel_analysis.compare_models.ModelComparison`.
+    """
+
+    def headline(self) -> str:
+        """Return which model the recordings prefer."""
+        from gyrowheel.comparison.page import preference
+
+        return preference(self)
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return the models side by side, which one is preferred, and the test that decides."""
+        from gyrowheel.comparison.page import models_page
+
+        return models_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel compare A.yaml B.yaml --json``; SI units."""
+        return {
+            "schema": 1,
+            "recordings": list(self.recordings),
+            "models": [asdict(side) for side in (self.first, self.second)],
+            "evidence": self.evidence,
+            "preferred": self.preferred,
+            "test": None
+            if self.test is None
+            else {
+                "plan": self.test.plan,
+                "expected_separation": self.test.expected_separation,
+                "minutes": self.test.minutes,
+            },
+        }
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return χ²/N of both models as columns, a row for each channel."""
+        return columns_of(
+            "channel first second",
+            ((name, value, self.second.channels[name]) for name, value in self.first.channels.items()),
+        )
+
+
+def compare_models(
+    first: Model, second: Model, on: Recordings, *, mixed: bool = False, progress: Say | None = None
+) -> ModelComparison:
+    """Compare two models of one bench on the same recordings; their coefficients are fitted again.
+
+    Parameters
+    ----------
+    first, second : Model
+        Models with different effects.
+    on : Recording, path or list
+        Recordings of one machine.
+    mixed : bool
+        Join recordings that state different machines.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Raises
+    ------
+    InputError
+        If the models have different benches or the same effects, or the recordings cannot be read, have too little
+        steady motion, or columns that cannot be what they are called.
+    """
+    given = of_one_machine(on, mixed=mixed)
+    if wrong := wrong_setups(given, first.details, mixed=mixed):
+        from gyrowheel.show.sentences.setup import setup_line
+
+        raise InputError(setup_line(wrong))
+    return ModelComparison.of(
+        two_models.compare_models(first.details, second.details, data(given), progress=progress)
+    )

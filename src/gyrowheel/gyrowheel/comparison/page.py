@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
+from rich.padding import Padding
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
 from gyrowheel.show.error_table import unit_of
-from gyrowheel.show.layout import figures_table, heading, sentences, words_table
+from gyrowheel.show.formulas import is_pure
+from gyrowheel.show.layout import commands, figures_table, heading, sentences, words_table
 from gyrowheel.show.sentences.findings import reading_sentence, untold_sentences
 from gyrowheel.show.sentences.residuals import TITLES, dependence_sentences, region_description, region_name
 from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.residuals.maps import DEFAULT
-from gyrowheel_core.quantities import decimal, fixed
+from gyrowheel_core.quantities import decimal, fixed, with_error
 from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
+    from gyrowheel_analysis.compare_models import ModelComparison, ModelSide
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.windows import Coverage
     from gyrowheel_analysis.residuals.dependence import PartDependence
@@ -234,3 +238,60 @@ def failures(
             )
         yield table
     yield from sentences(dependence_sentences(dependence))
+
+
+def preference(result: ModelComparison) -> str:
+    """Return which of two models the recordings prefer."""
+    one, two = (_name(side, other) for side, other in _both(result))
+    odds = f"natural log of the Bayes factor {decimal(abs(result.evidence), 1)}"
+    if result.preferred == "none":
+        test = "no plan of this bench separates them"
+        if result.test is not None:
+            test = f"run plan {result.test.plan} ({decimal(result.test.minutes, 1)} min): expected Δχ² " + (
+                f"{result.test.expected_separation:.0f}"
+            )
+        return f"These recordings cannot decide between {one} and {two} ({odds}); {test}."
+    better, worse = (one, two) if result.preferred == "first" else (two, one)
+    side = result.first if result.preferred == "first" else result.second
+    more = "" if side.explains else f" Neither explains them: {better} leaves χ²/N {fixed(side.chi2_per_n)}."
+    return f"These recordings prefer {better} to {worse} ({odds}).{more}"
+
+
+def models_page(result: ModelComparison) -> Iterator[RenderableType]:
+    """Yield two models side by side, which one is preferred, and the test that decides."""
+    names = [_name(side, other) for side, other in _both(result)]
+    yield heading("χ²/N, coefficients fitted again")
+    table = figures_table("", *names)
+    for channel, value in result.first.channels.items():
+        table.add_row(LISTED[channel].title, fixed(value), fixed(result.second.channels[channel]))
+    table.add_row("all", *(fixed(side.chi2_per_n) for side, _ in _both(result)))
+    table.add_row("all, as the file states", *(fixed(side.stated_chi2_per_n) for side, _ in _both(result)))
+    yield Padding(table, (0, 0, 0, 2))
+    yield heading("Coefficients")
+    shown = words_table("", "", "", whole=(0, 1, 2))
+    for name, (side, _) in zip(names, _both(result), strict=True):
+        first = Text(name, style="cyan")
+        for effect, values in side.coefficients.items():
+            for key, e in values.items():
+                number = with_error(e.value, e.standard_error, e.unit, pure=is_pure(effect, key))
+                shown.add_row(first, f"{effect} {key}", number)
+                first = Text()
+        if not side.coefficients:
+            shown.add_row(first, "no effects", "")
+    yield Padding(shown, (0, 0, 0, 2))
+    yield Text()
+    yield Text(preference(result), style="bold")
+    if result.test is not None:
+        yield from commands(
+            "Next", f"gyrowheel up --plan {result.test.plan} --record runs/{result.test.plan}"
+        )
+
+
+def _both(result: ModelComparison) -> tuple[tuple[ModelSide, ModelSide], tuple[ModelSide, ModelSide]]:
+    return (result.first, result.second), (result.second, result.first)
+
+
+def _name(side: ModelSide, other: ModelSide) -> str:
+    """Return the name of a model: its file, or its effects where both have the same file."""
+    effects = " + ".join(side.coefficients) or "no effects"
+    return Path(side.name).name if side.name != other.name else effects

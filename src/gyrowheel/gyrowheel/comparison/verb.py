@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 from gyrowheel.cli.console import finding, put, warn_of, working
-from gyrowheel.cli.options import Json, Mixed, ModelFile, Picture, Recordings, option
+from gyrowheel.cli.options import Json, Mixed, Picture, argument, option
+from gyrowheel_core.errors import InputError
 
 
 def compare(
-    directories: Recordings,
-    model: ModelFile,
+    directories: Annotated[
+        list[Path],
+        argument("DIR...", "Recordings; with --on two model files, which are compared with each other."),
+    ],
+    model: Annotated[
+        Path | None, option("--model M.yaml", "Model file.", "none: two models are compared")
+    ] = None,
+    on: Annotated[
+        list[Path] | None, option("--on DIR", "Recording on which two models are compared. Repeatable.")
+    ] = None,
     fail_above: Annotated[
         float | None,
         option(
@@ -29,12 +40,20 @@ def compare(
     picture: Picture = None,
     json: Json = None,
 ) -> None:
-    """Compare a model with recordings: size of the error, where it is large, and what it depends on."""
+    """Compare a model with recordings: size of the error, where it is large, and what it depends on.
+
+    With --on, compare two models on the same recordings: which one they prefer, and the test that decides.
+    """
     import gyrowheel as gw
     from gyrowheel.comparison.api import map_variables
     from gyrowheel.comparison.page import comparison_page
     from gyrowheel.recordings.inputs import opened
 
+    if on or model is None:
+        _two_models(
+            directories, on or [], model, mixed=mixed, json=json, others=(fail_above, map_over, picture)
+        )
+        return
     over = None if map_over is None else [map_variables(text) for text in map_over]
     loaded = gw.Model.load(model)
     recordings = opened(directories)
@@ -44,3 +63,26 @@ def compare(
     page = None if over is None else comparison_page(result, [result.map(*own) for own in over])
     put(result, json, picture, page=page)
     finding(fail_above is not None and result.worst > fail_above)
+
+
+def _two_models(
+    files: Sequence[Path],
+    on: Sequence[Path],
+    model: Path | None,
+    *,
+    mixed: bool,
+    json: str | None,
+    others: Sequence[object],
+) -> None:
+    import gyrowheel as gw
+
+    if not on:
+        raise InputError("--model: is missing; allowed: --model M.yaml, or two model files and --on DIR")
+    if model is not None or any(other is not None for other in others):
+        raise InputError("--on: compares two models; allowed with it: --mixed, --json")
+    if len(files) != 2:
+        raise InputError(f"--on: compares two models; {len(files)} files are given")
+    first, second = (gw.Model.load(file) for file in files)
+    with working("comparing") as say:
+        result = gw.compare_models(first, second, list(on), mixed=mixed, progress=say)
+    put(result, json)
