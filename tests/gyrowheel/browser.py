@@ -48,7 +48,7 @@ def serious_faults(page: Any) -> list[str]:
 
 
 def press(target: Any, *keys: str) -> None:
-    """Go to an element of the page with the Tab key alone, either way, and press keys there: Enter if none are given."""
+    """Go to an element with the Tab key alone, either way, and press keys there: Enter if none are given."""
     keyboard = target.page.keyboard
     target.wait_for()
     way = "(own) => own === document.activeElement ? 0 : own.compareDocumentPosition(document.activeElement)"
