@@ -203,7 +203,7 @@ def _validate(
     from gyrowheel.show.error_table import error_table
     from gyrowheel.show.sentences.proof import proof_line
 
-    tour.step(f"Proof: the same machine, plan {VALIDATION_PLAN}, new noise, nothing fitted")
+    tour.step(f"Test on unseen data: the same machine, plan {VALIDATION_PLAN}, new noise, nothing fitted")
     machine = _machine(seed, VALIDATION_PLAN, files.key)
     _run_graph(VALIDATION_PLAN, machine, files.validation_recording, files.model, tour)
     if better is None:

@@ -15,7 +15,7 @@ from scipy import stats
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import LISTED
-from gyrowheel_analysis.criteria import CHANNEL_CHANCE, CHANNEL_POWER, NOISE_ERROR
+from gyrowheel_analysis.criteria import CHANNEL_CHANCE, CHANNEL_POWER, FAILING_CHI2, NOISE_ERROR
 from gyrowheel_analysis.diagnosis.result import ChannelCheck
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -66,10 +66,13 @@ def checks(problem: Problem, fit: Fit, unseen: Mapping[str, tuple[float, int]]) 
 
 
 def _limit(degrees: float, tests: int) -> float:
-    """Return the chi-squared that chance exceeds in one of the tests with `CHANNEL_CHANCE`."""
+    """Return the chi-squared that chance exceeds in one of the tests with `CHANNEL_CHANCE`.
+
+    The noise of a single channel may be larger than stated, by as much as a comparison allows before it says so.
+    """
     chance = CHANNEL_CHANCE / tests
     by_noise = NOISE_ERROR * degrees * float(stats.norm.isf(chance))
-    return degrees + math.hypot(float(stats.chi2.isf(chance, degrees)) - degrees, by_noise)
+    return FAILING_CHI2 * (degrees + math.hypot(float(stats.chi2.isf(chance, degrees)) - degrees, by_noise))
 
 
 def smallest(found: Sequence[ChannelCheck], unseen: Mapping[str, tuple[float, int]]) -> float:
