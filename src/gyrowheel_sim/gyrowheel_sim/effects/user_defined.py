@@ -133,6 +133,7 @@ class _Declaration(Section):
     source: Line = ""
     look_alikes: Annotated[dict[str, Line], BeforeValidator(_alike)] = Field(default_factory=dict)
     greatest: Annotated[Size, AfterValidator(_some)] | None = None
+    directions: Annotated[list[Line], Field(min_length=2, max_length=2)] | None = None
     coefficients: Annotated[
         dict[str, Annotated[CoefficientEntry, BeforeValidator(_entry)]], BeforeValidator(_named)
     ] = Field(None, validate_default=True)
@@ -173,9 +174,9 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         ``torque`` (short for ``rotor_torque``) or another target of `TARGETS`, each a formula; ``coefficients``,
         each with ``unit`` and, where known, ``usual``, ``bounds`` and ``possible`` (two numbers), ``signed``,
         ``value``, ``uncertainty``, ``description``, ``source``, ``possible_source``; ``title``, ``category``,
-        ``sentence``, ``validity``, ``source``, ``look_alikes``, ``greatest``. A coefficient in which the law is linear
-        is an amplitude; any other one (an exponent, an edge) needs its ``value`` and ``uncertainty``, or its
-        ``usual`` range.
+        ``sentence``, ``directions`` (that sentence for either sign), ``validity``, ``source``, ``look_alikes``,
+        ``greatest``. A coefficient in which the law is linear is an amplitude; any other one (an exponent, an edge)
+        needs its ``value`` and ``uncertainty``, or its ``usual`` range.
     where : str
         Beginning of error messages.
 
@@ -217,6 +218,7 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
             source=given.source or "a user's formula",
             look_alikes=given.look_alikes,
             greatest=given.greatest,
+            directions=None if given.directions is None else (given.directions[0], given.directions[1]),
         )
 
     _try(effect(drafts), where)
@@ -243,6 +245,8 @@ def effect_to_mapping(effect: Effect) -> dict[str, Any]:
     result |= {"coefficients": coefficients, "validity": effect.validity, "source": effect.source}
     if effect.greatest is not None:
         result["greatest"] = effect.greatest
+    if effect.directions is not None:
+        result["directions"] = list(effect.directions)
     return result | ({"look_alikes": dict(effect.look_alikes)} if effect.look_alikes else {})
 
 
