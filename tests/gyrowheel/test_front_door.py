@@ -94,6 +94,16 @@ def test_the_stub_names_every_public_name_once() -> None:
     assert sorted([*(alias.name for alias in names), "__version__"]) == gw.__all__
 
 
+def test_all_recordings_of_a_folder_are_read_and_nothing_else(drag: gw.Recording, tmp_path: Path) -> None:
+    for name in ("two", "one"):
+        drag.save(tmp_path / "runs" / name)
+    (tmp_path / "runs" / "notes").mkdir()
+    (tmp_path / "runs" / "wheel.yaml").touch()
+    assert [recording.name for recording in gw.Recording.all(tmp_path / "runs")] == ["one", "two"]
+    with pytest.raises(gw.InputError, match="no such folder"):
+        gw.Recording.all(tmp_path / "none")
+
+
 def test_public_functions_stay_functions_when_every_module_is_imported() -> None:
     """A folder of the same name would take the place of a function."""
     code = (

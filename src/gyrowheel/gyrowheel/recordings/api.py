@@ -19,6 +19,7 @@ from gyrowheel.show.result import Shown
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import write_text
 from gyrowheel_recording.bags import Recording as Data
+from gyrowheel_recording.bags.metadata import METADATA_FILE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,6 +61,20 @@ class Recording(Shown):
             If it does not exist, is incomplete or damaged, has no measurements, or has no such part.
         """
         return cls(Path(path), Data.open(path))
+
+    @classmethod
+    def all(cls, folder: str | Path) -> list[Recording]:
+        """Read every recording in a folder, in the order of their names; all else in it is left out.
+
+        Raises
+        ------
+        InputError
+            If there is no such folder, or a recording in it is incomplete or damaged.
+        """
+        place = Path(folder)
+        if not place.is_dir():
+            raise InputError(f"{folder}: no such folder")
+        return [cls.open(own) for own in sorted(place.iterdir()) if (own / METADATA_FILE).is_file()]
 
     @classmethod
     def made(cls, path: Path, keep: object = None) -> Recording:
