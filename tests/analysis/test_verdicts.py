@@ -213,7 +213,7 @@ def test_another_machine_in_the_validation_is_a_wrong_setup(tmp_path: Path) -> N
     assert found.verdict == "insufficient_data"
     assert found.setup
     assert found.proof is None
-    assert proof_sentence(found.proof).startswith("NOT consistent")
+    assert proof_sentence(found.proof).startswith("NOT tested")
 
 
 def test_an_event_in_the_validation_is_named_as_the_cause(tmp_path: Path) -> None:

@@ -134,6 +134,10 @@ COMMANDS: dict[str, list[str]] = {
     "run": ["run"],
     "model new": ["model new --model NEW"],
     "model add": ["model add windage --model MODEL --fit RUN --validate OTHER"],
+    "model fit": [
+        "model add windage --model MODEL --fit RUN",
+        "model fit --free windage --model MODEL --fit RUN",
+    ],
     "model remove": ["model add windage --model MODEL --fit RUN", "model remove windage --model MODEL"],
     "model show": ["model add windage --model MODEL --fit RUN", "model show --model MODEL"],
     "model undo": ["model add windage --model MODEL --fit RUN", "model undo --model MODEL"],

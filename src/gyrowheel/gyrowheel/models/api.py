@@ -210,7 +210,9 @@ class Model(Shown):
             If a name, prior or bound is not allowed, the recordings have too little steady motion, or they do not
             determine a free parameter.
         """
-        from gyrowheel.models.estimation import Fit
+        from dataclasses import replace
+
+        from gyrowheel.models.estimation import Fit, Matrix
         from gyrowheel_analysis.estimation.estimate import estimate
 
         given = opened(recordings)
@@ -229,7 +231,8 @@ class Model(Shown):
             loss=loss,
             progress=progress,
         )
-        return Fit.of(found, model=Model.of(found.fitted))
+        labelled = Matrix(found.covariance.names, found.covariance.values)
+        return Fit.of(replace(found, covariance=labelled), model=Model.of(found.fitted))
 
     def remove(self, *names: str) -> Model:
         """Return a new model without the named effects; the other coefficients keep their values.

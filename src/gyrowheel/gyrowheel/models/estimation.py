@@ -20,6 +20,20 @@ if TYPE_CHECKING:
 ModelType = TypeVar("ModelType")
 
 
+class Matrix(facts.Matrix):
+    """A symmetric matrix whose rows and columns have names, as `gyrowheel_analysis.estimation.result.Matrix`."""
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return a data frame labelled by the names.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        return _pandas("to_frame").DataFrame(self.values, index=list(self.names), columns=list(self.names))
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class Fit(Result, facts.Estimation, Generic[ModelType]):
     """Outcome of `Model.fit`: estimates with priors, covariance, profiles, criteria and residuals.
@@ -43,6 +57,12 @@ class Fit(Result, facts.Estimation, Generic[ModelType]):
     def errors(self) -> Mapping[str, float]:
         """Standard errors of the free parameters [SI]."""
         return {name: self.parameters[name].standard_error for name in self.names}
+
+    @property
+    def correlation(self) -> Matrix:
+        """Correlation of the free parameters; ``.to_frame()`` as a data frame, as that of ``covariance``."""
+        own = super().correlation
+        return Matrix(own.names, own.values)
 
     def conf_interval(self, *names: str, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """Return profile intervals [SI] of free parameters, of all coefficients of effects unless named.
@@ -73,11 +93,7 @@ class Fit(Result, facts.Estimation, Generic[ModelType]):
         InputError
             If pandas is not installed.
         """
-        try:
-            import pandas as pd
-        except ImportError:
-            raise InputError("residuals: needs pandas, which is not installed: pip install pandas") from None
-        frame = pd.DataFrame(self.table())
+        frame = _pandas("residuals").DataFrame(self.table())
         frame.attrs["units"] = {
             "time": "s",
             "spin_rate": "rad/s",
@@ -159,6 +175,14 @@ class Fit(Result, facts.Estimation, Generic[ModelType]):
 
     def _effects(self) -> list[str]:
         return [name for name in self.names if "." in name] or self.names
+
+
+def _pandas(what: str) -> Any:
+    try:
+        import pandas
+    except ImportError:
+        raise InputError(f"{what}: needs pandas, which is not installed: pip install pandas") from None
+    return pandas
 
 
 def _json_of(own: facts.Parameter) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from scipy.optimize import least_squares
 from gyrowheel_analysis.fitting.fit import Point, Prior, Term
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_core.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -153,9 +154,14 @@ class Cost:
             return self.slopes(self.residuals, whole(part), steps, moving) * size
 
         low, high = self.bounds[:, moving] / size
+        start_at = np.clip(base[moving] / size, low, high)
+        if not np.isfinite(self.residuals(whole(start_at))).all():
+            raise InputError(
+                "fit: the residual is not finite where the search begins; allowed: other values or bounds"
+            )
         found = least_squares(
             lambda part: self.residuals(whole(part)),
-            np.clip(base[moving] / size, low, high),
+            start_at,
             slopes,
             bounds=(low, high),
             loss=self.loss,

@@ -128,7 +128,7 @@ def _unknowns(model: Model, problem: Problem, terms: Sequence[Term]) -> list[Unk
                     Prior(float(c.shape or 0.0), c.shape_uncertainty) if shaped else None,
                     c.bounds,
                     c.null,
-                    problem.unknowns.scale(term, c.name),
+                    problem.unknowns.scale(term, c.name) or abs(model.effects[term.name][c.name]) or 1.0,
                 )
             )
     return result
@@ -197,7 +197,7 @@ def _minimised(cost: Cost) -> tuple[Minimum, Array]:
                 f"{unknown.name}: these recordings do not depend on it; allowed: fixed, or with a prior"
             )
     inverse = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-13) / np.outer(size, size)
-    steps = STEP * np.sqrt(np.diag(inverse))
+    steps = np.minimum(STEP * np.sqrt(np.diag(inverse)), STEP * (cost.bounds[1] - cost.bounds[0]))
     found = cost.minimum(first.values, steps)
     inside = np.clip(found.values, cost.bounds[0] + 2.0 * steps, cost.bounds[1] - 2.0 * steps)
     curvature = cost.hessian(inside, steps)
@@ -206,7 +206,7 @@ def _minimised(cost: Cost) -> tuple[Minimum, Array]:
         raise InputError(
             "fit: the recordings do not determine all free parameters; allowed: fewer free ones, or priors for them"
         )
-    return found, covariance
+    return found, np.asarray(covariance, dtype=np.float64)
 
 
 def _estimation(

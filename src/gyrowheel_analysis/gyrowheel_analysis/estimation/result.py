@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,6 @@ from gyrowheel_analysis.fitting.preparation import Prepared, one_thread
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.residuals.error_table import channel_parts, channel_values, channels_of
 from gyrowheel_core.errors import InputError, nearest
-
-if TYPE_CHECKING:
-    import pandas
 
 Array = NDArray[np.float64]
 
@@ -99,12 +96,6 @@ class Matrix:
     def to_columns(self) -> dict[str, Any]:
         """Return the rows as columns, the first of which has the names."""
         return {"parameter": list(self.names)} | {n: self.values[:, k] for k, n in enumerate(self.names)}
-
-    def to_frame(self) -> pandas.DataFrame:
-        """Return a data frame labelled by the names; it needs pandas."""
-        import pandas as pd
-
-        return pd.DataFrame(self.values, index=list(self.names), columns=list(self.names))
 
 
 @dataclass(frozen=True)
