@@ -102,6 +102,20 @@ def _by_channel(
 # --- on recordings for validation ---
 
 
+def _root(covariance: Array) -> Array:
+    """Return a square root of a covariance, which may be singular."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _by_both(white: Array, spread: Array) -> float:
+    """Return chi-squared of whitened residuals by noise and the uncertainty `spread` of their prediction."""
+    inner = np.linalg.solve(np.eye(spread.shape[1]) + spread.T @ spread, spread.T @ white)
+    return float(white @ (white - spread @ inner))
+
+
 class _Prediction:
     """Residual of a validation, whitened, and its derivatives by the unknowns of the fit."""
 
@@ -111,11 +125,7 @@ class _Prediction:
         jacobian = problem.jacobian(fit, problem.predict(fit))
         self.slopes = problem.noise.whiten(jacobian)
         self.covariance = fit.covariance
-        # the square root of the covariance, which may be singular
-        size = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-        size[size == 0.0] = 1.0
-        values, vectors = np.linalg.eigh(fit.covariance / np.outer(size, size))
-        root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+        root = _root(fit.covariance)
         self._spread = self.slopes @ root
         self._inner = np.linalg.inv(np.eye(root.shape[1]) + self._spread.T @ self._spread)
 
@@ -146,12 +156,10 @@ class _Prediction:
 
     def by_channel(self, balances: Sequence[Balance]) -> Unseen:
         """Return chi-squared by noise and uncertainty of the prediction, and the number of rows, by channel."""
-        found = {}
-        for name, own in places_of(balances).items():
-            spread, white = self._spread[own], self.white[own]
-            inner = np.linalg.solve(np.eye(spread.shape[1]) + spread.T @ spread, spread.T @ white)
-            found[name] = float(white @ (white - spread @ inner)), own.size
-        return found
+        return {
+            name: (_by_both(self.white[own], self._spread[own]), own.size)
+            for name, own in places_of(balances).items()
+        }
 
     @property
     def judged(self) -> float:
@@ -306,13 +314,14 @@ def _resembling(problem: Problem, other: Problem, best: Fit, seen: _Prediction) 
 class _Predicted(NamedTuple):
     """Predicted rows: residuals, the same whitened by the noise, and their standard deviations and chi-squared.
 
-    The latter two include the uncertainty of the prediction.
+    The latter two, and the chi-squared of every channel, include the uncertainty of the prediction.
     """
 
     rows: Array
     white: Array
     deviation: Array
     chi2: float
+    channels: Unseen
 
 
 def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, Array]:
@@ -346,9 +355,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, 
         return Proof(name, None, "not_tried"), {}, np.zeros(0)
     # the proof if there is one; a misfit is reported before a prediction without gain
     proof, after = min(tried, key=lambda pair: (not pair[0].proven, pair[0].reason != "misfit"))
-    white = after.white * (problem.noise.deviation() / after.deviation)
-    places = places_of(problem.balances)
-    return proof, {name: (float(white[own] @ white[own]), own.size) for name, own in places.items()}, white
+    return proof, after.channels, after.white * (problem.noise.deviation() / after.deviation)
 
 
 def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
@@ -380,6 +387,8 @@ def _predicted(problem: Problem, fit: Fit, parts: Sequence[NDArray[np.bool_]]) -
     inverse, _ = problem.unknowns.prior(fit.terms)
     rows, left, chi2 = fit.residual.copy(), white.copy(), 0.0
     variance = problem.noise.deviation() ** 2
+    places = places_of(problem.balances)
+    channels = dict.fromkeys(places, 0.0)
     for mask in parts:
         part = left_out(design, white, inverse, mask)
         chi2 += part.chi2
@@ -387,7 +396,12 @@ def _predicted(problem: Problem, fit: Fit, parts: Sequence[NDArray[np.bool_]]) -
         rows[mask] += slopes @ part.shift
         variance[mask] += np.einsum("ij,ij->i", slopes @ part.covariance, slopes)
         left[mask] = part.residual
-    return _Predicted(rows, left, np.sqrt(variance), chi2)
+        root = _root(part.covariance)
+        for name, own in places.items():
+            inside = own[mask[own]]
+            channels[name] += _by_both(left[inside], design[inside] @ root)
+    unseen = {name: (total, places[name].size) for name, total in channels.items()}
+    return _Predicted(rows, left, np.sqrt(variance), chi2, unseen)
 
 
 def _channel(before: ErrorRow, after: ErrorRow, floor: ErrorRow, *, found: bool) -> dict[str, Any]:
