@@ -8,13 +8,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.models.api import Model
-from gyrowheel.recordings.api import explained_by, wrong_setups
+from gyrowheel.recordings.api import explained_by, refuse_wrong_setups, wrong_setups
 from gyrowheel.recordings.inputs import Recordings, Say, data, of_one_machine
 from gyrowheel.show.result import Result, columns_of
 from gyrowheel_analysis import compare as facts
 from gyrowheel_analysis import compare_models as two_models
 from gyrowheel_analysis.residuals.maps import ResidualMap, residual_map, variables_of
-from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -190,10 +189,7 @@ def compare_models(
         steady motion, or columns that cannot be what they are called.
     """
     given = of_one_machine(on, mixed=mixed)
-    if wrong := wrong_setups(given, first.details, mixed=mixed):
-        from gyrowheel.show.sentences.setup import setup_line
-
-        raise InputError(setup_line(wrong))
+    refuse_wrong_setups(given, first.details, mixed=mixed)
     return ModelComparison.of(
         two_models.compare_models(first.details, second.details, data(given), progress=progress)
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gyrowheel.recordings.api import wrong_setups
+from gyrowheel.recordings.api import refuse_wrong_setups
 from gyrowheel.recordings.inputs import Recordings, Say, data, opened, opened_apart, require_one_machine
 from gyrowheel.show.result import Shown, columns_of
 from gyrowheel_analysis.model import Model as Details
@@ -158,10 +158,7 @@ class Model(Shown):
                 require_known(item)
         fitted, unused = opened_apart(fit, validate)
         require_one_machine(data([*fitted, *unused]), mixed=mixed)
-        if wrong := wrong_setups([*fitted, *unused], self._details, mixed=mixed):
-            from gyrowheel.show.sentences.setup import setup_line
-
-            raise InputError(setup_line(wrong))
+        refuse_wrong_setups([*fitted, *unused], self._details, mixed=mixed)
         found = add_effect(self._details, chosen, data(fitted), data(unused), progress=progress)
         return Model.of(found.model, Addition.of(found))
 
@@ -217,10 +214,7 @@ class Model(Shown):
 
         given = opened(recordings)
         require_one_machine(data(given), mixed=mixed)
-        if wrong := wrong_setups(given, self._details, mixed=mixed):
-            from gyrowheel.show.sentences.setup import setup_line
-
-            raise InputError(setup_line(wrong))
+        refuse_wrong_setups(given, self._details, mixed=mixed)
         found = estimate(
             self._details,
             data(given),

@@ -75,16 +75,6 @@ class Fit(Result, facts.Estimation, Generic[ModelType]):
         _require_level(level)
         return {name: self.interval(name, level) for name in names or self._effects()}
 
-    def evidence(self, other: Fit[Any]) -> float:
-        """Return the natural log of the Bayes factor over another fit of the same recordings; above 5 is strong.
-
-        Raises
-        ------
-        InputError
-            If the other fit has other rows or noise.
-        """
-        return self.evidence_over(other)
-
     def residuals(self) -> pandas.DataFrame:
         """Return every row with its residual as a data frame; its ``attrs["units"]`` has the units of the columns.
 

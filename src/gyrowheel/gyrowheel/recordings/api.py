@@ -322,6 +322,14 @@ def wrong_setups(recordings: Sequence[Recording], model: Model, *, mixed: bool =
     return find([recording.data for recording in recordings], model.reference_bench, mixed=mixed)
 
 
+def refuse_wrong_setups(recordings: Sequence[Recording], model: Model, *, mixed: bool = False) -> None:
+    """Refuse recordings with columns that cannot be what they are called; InputError names them."""
+    if wrong := wrong_setups(recordings, model, mixed=mixed):
+        from gyrowheel.show.sentences.setup import setup_line
+
+        raise InputError(setup_line(wrong))
+
+
 @contextlib.contextmanager
 def explained_by(wrong: Sequence[WrongSetup]) -> Iterator[None]:
     """Report a wrong setup instead of an error that it causes."""

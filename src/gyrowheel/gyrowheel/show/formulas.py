@@ -128,7 +128,7 @@ def _number(node: Node) -> str:
 def _sum(node: Node) -> Markup:
     parts = [_within(node.items[0], _PRODUCT)]
     for item, minus in zip(node.items[1:], node.inverse[1:], strict=True):
-        own = item.kind == "product" and item.number is not None  # a sign of its own behind that of the sum
+        own = item.kind == "product" and item.number is not None  # has another sign behind that of the sum
         parts += [_BETWEEN[minus], _within(item, _POWER if own else _PRODUCT)]
     return _row(parts)
 
@@ -159,7 +159,7 @@ def _factors(items: Sequence[Node]) -> Markup:
             left.pop(0)
             parts.append(_size("2"))
         else:
-            own = item.kind == "product" and item.number is not None  # a sign of its own
+            own = item.kind == "product" and item.number is not None  # has another sign
             parts.append(_within(item, _POWER if own else _PRODUCT))
     return _row(parts)
 

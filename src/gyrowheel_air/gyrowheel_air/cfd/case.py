@@ -192,7 +192,7 @@ class Result:
 
 
 def finished(folder: Path, case: Case) -> Result | None:
-    """Return the result in a folder if it answers the case; None if there is none or it is of another case.
+    """Return the result in a folder if it answers the case; None without a result, or for one of another case.
 
     A case is answered by one of at least as many iterations, from whatever first guess. One that may go on until it has
     settled (`Case.settle`) is answered by one that has settled, or that went on for as many iterations.
@@ -408,7 +408,7 @@ def wall_units(case: Case, folder: Path) -> dict[str, tuple[float, float]]:
 
 
 def last_time(folder: Path) -> Path:
-    """Return the folder of the last iteration that a case has written; raises InputError if there is none."""
+    """Return the folder of the last iteration that a case has written; raises InputError without one."""
     times = [path for path in _times(folder) if path.name != "0"]
     if not times:
         raise InputError(f"{folder}: no solution has been written")

@@ -67,7 +67,7 @@ MESHES: Final[dict[str, Resolution]] = {
 
 
 def get_mesh(name: str) -> Resolution:
-    """Return a resolution by name; raises InputError if there is none of that name."""
+    """Return a resolution by name; raises InputError for an unknown name."""
     if name not in MESHES:
         raise InputError(f"mesh: {name!r} is not known; allowed: {', '.join(MESHES)}")
     return MESHES[name]

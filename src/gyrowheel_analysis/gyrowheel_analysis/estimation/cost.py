@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 #: Relative change of the cost at which a minimum is found.
 _TOLERANCE = 1e-12
+#: Relative change at which it is good enough to start from, or to compare.
+ROUGH = 1e-9
 #: Evaluations of a minimum at most.
 _EVALUATIONS = 60
 #: The losses of `scipy.optimize.least_squares`, as functions of the squared residual.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.diagnosis.events import accepted, beside_events
-from gyrowheel_analysis.estimation.cost import LOSSES, Cost, Minimum, Unknown, log_determinant
+from gyrowheel_analysis.estimation.cost import LOSSES, ROUGH, Cost, Minimum, Unknown, log_determinant
 from gyrowheel_analysis.estimation.result import STEP, Estimation, Matrix, Parameter
 from gyrowheel_analysis.fitting.fit import Prior, Term, without_prior
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
@@ -32,8 +32,6 @@ Array = NDArray[np.float64]
 
 #: Step of central differences before the standard errors are known, in widths of the unknowns.
 _FIRST_STEP = 1e-3
-#: Relative change of the cost at which a minimum is good enough to start from.
-_ROUGH = 1e-9
 
 
 @one_thread()
@@ -188,7 +186,7 @@ def _chosen(names: Sequence[str], free: str | Sequence[str] | None, fixed: str |
 def _minimised(cost: Cost) -> tuple[Minimum, Array]:
     """Return the minimum of a cost, and the covariance of the free parameters there."""
     steps = _FIRST_STEP * np.array([u.width for u in cost.free])
-    first = cost.minimum(cost.start, steps, tolerance=_ROUGH)
+    first = cost.minimum(cost.start, steps, tolerance=ROUGH)
     jacobian = cost.jacobian(first.values, steps)
     size = np.linalg.norm(jacobian, axis=0)
     for unknown, own in zip(cost.free, size, strict=True):

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2 as chi2_distribution
 
 from gyrowheel_analysis.channels import LISTED
-from gyrowheel_analysis.estimation.cost import Cost, log_determinant
+from gyrowheel_analysis.estimation.cost import ROUGH, Cost, log_determinant
 from gyrowheel_analysis.fitting.fit import Prior
 from gyrowheel_analysis.fitting.preparation import Prepared, one_thread
 from gyrowheel_analysis.model import Model
@@ -24,8 +24,6 @@ Array = NDArray[np.float64]
 
 #: Step of central differences in standard errors.
 STEP = 0.1
-#: Relative change of the cost at which a minimum is good enough to compare.
-_ROUGH = 1e-9
 #: Standard errors to which the ends of a profile are searched.
 _REACH = 30.0
 
@@ -171,7 +169,7 @@ class Estimation:
         priors = sum(own.prior is not None for own in self.parameters.values() if own.free)
         return self._deviance + math.log(self.rows + priors) * len(self.names)
 
-    def evidence_over(self, other: Estimation) -> float:
+    def evidence(self, other: Estimation) -> float:
         """Return the natural log of the Bayes factor of this estimation over another one on the same rows.
 
         Raises
@@ -262,7 +260,7 @@ class Estimation:
     def _root_of_rise(self, held: Sequence[int], start: Array) -> float:
         """Return the root of the rise of the cost where some parameters are held, the others at their best."""
         inside = np.clip(start, *self._cost.bounds)
-        found = self._cost.minimum(inside, self._steps, {k: inside[k] for k in held}, _ROUGH)
+        found = self._cost.minimum(inside, self._steps, {k: inside[k] for k in held}, ROUGH)
         return math.sqrt(max(self._cost(found.values) - self._least, 0.0))
 
     def contour(self, first: str, second: str, level: float = 0.95, points: int = 24) -> tuple[Array, Array]:
