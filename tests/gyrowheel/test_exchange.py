@@ -293,6 +293,16 @@ def test_text_among_the_numbers_is_named(case: Case) -> None:
     case.refused("column 'Motor [V]', line 41: 'off'", "allowed: a number")
 
 
+def test_the_last_line_of_a_logger_that_was_switched_off_is_left_out(case: Case) -> None:
+    case.run()
+    table = case.folder / "table.csv"
+    table.write_bytes(table.read_bytes().rstrip().rpartition(b",")[0])
+    result = case.gyrowheel("import", table, "--map", case.folder / "map.yaml", "-o", case.folder / "other")
+    assert result.code == 0
+    assert f"{N - 1} samples" in result.out
+    assert "the last line breaks off: it is left out" in result.out
+
+
 @pytest.mark.parametrize("skipped", [0, 2])
 def test_a_row_of_another_length_is_named_by_its_line(case: Case, skipped: int) -> None:
     case.map["csv"] = {"skip_lines": skipped}
@@ -340,8 +350,11 @@ def test_csv_with_decimal_commas_and_another_encoding(case: Case) -> None:
     assert (result.code, "csv.decimal" in result.err) == (2, True)
 
 
-@pytest.mark.parametrize("damage", ["absent", "empty", "cut", "folder", "ending"])
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.parametrize(
+    ("damage", "suffix"),
+    [(own, suffix) for suffix in (".csv", ".parquet") for own in ("absent", "empty", "folder", "ending")]
+    + [("cut", ".parquet")],
+)
 def test_files_that_are_not_tables_are_refused(case: Case, damage: str, suffix: str) -> None:
     table = case.folder / f"table{suffix}"
     assert case.run(suffix).code == 0

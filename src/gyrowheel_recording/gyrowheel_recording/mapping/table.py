@@ -24,9 +24,8 @@ from gyrowheel_recording.mapping.map_file import (
     is_time,
 )
 from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
-from gyrowheel_recording.mapping.table_file import TableFile
-from gyrowheel_recording.tables import Column, Grid, format_of, read_grid
-from gyrowheel_recording.tables.readers.arrow import plain
+from gyrowheel_recording.mapping.table_file import read_columns
+from gyrowheel_recording.tables import Column, Grid
 
 Array = NDArray[np.float64]
 
@@ -57,22 +56,16 @@ class Table:
         self._periods: dict[str, float] = {}  # of the clocks of columns that were interpolated [s]
         self._holed: set[str] = set()  # columns that are NaN within gaps of their clock
         self._pulses: dict[str, tuple[Array, Array]] = {}  # times and values of pulses on another clock
-        form = format_of(path) if grid is None else None
-        self._file = TableFile(path, column_map, is_text=form is not None and form.name == "text")
-        clocks = {s.column: s.clock for s in column_map.sources if s.column}
-        if form is None or form.name not in ("text", "parquet"):
-            content = grid if grid is not None else read_grid(path, self._map.names)
-            self._file.check_columns(list(content.columns), self._map.names)
-            self._columns = {name: _as_arrow(content.columns[name]) for name in self._map.names}
-            clocks = {name: own or content.columns[name].clock for name, own in clocks.items()}
-            for name in dict.fromkeys(clocks.values()):
-                if name and name not in self._columns:
-                    self._columns[name] = _as_arrow(content.columns[name])
-            self.remarks += content.remarks
-        else:
-            table = self._file.read()
-            self.remarks += self._file.remarks
-            self._columns = {name: plain(table.column(name)) for name in table.column_names}
+        content = read_columns(path, column_map, grid)
+        self._lines = content.lines
+        self._columns = {name: _as_arrow(content.columns[name]) for name in column_map.names}
+        clocks = {
+            s.column: s.clock or content.columns[s.column].clock for s in column_map.sources if s.column
+        }
+        for name in dict.fromkeys(clocks.values()):
+            if name and name not in self._columns:
+                self._columns[name] = _as_arrow(content.columns[name])
+        self.remarks += content.remarks
         if not column_map.time.column:
             raise InputError(f"{column_map.origin}: time: must be a column")
         rows = len(self._columns[column_map.time.column])
@@ -82,7 +75,8 @@ class Table:
 
     def place(self, row: int) -> str:
         """Return the name of a row for messages."""
-        return self._file.place(row + self._first)
+        at = row + self._first
+        return f"line {self._lines[at]}" if self._lines else f"row {at + 1}"
 
     def _error(
         self, column: str, what: str, k: int | None = None, rows: NDArray[np.int64] | None = None
@@ -394,7 +388,7 @@ def to_si(values: Array, unit: str, field: Reading) -> Array:
 
 
 def _as_arrow(column: Column) -> Any:
-    """Return a column as one of arrow; what is not finite stays so."""
+    """Return a column as one of arrow, without what is no number."""
     values = column.values
     if values.dtype.kind == "M":
         values = values.astype("datetime64[ns]")
@@ -404,4 +398,6 @@ def _as_arrow(column: Column) -> Any:
         values = values.astype(values.dtype.newbyteorder("="))
     elif values.dtype.kind == "b":
         values = values.astype(np.uint8)
-    return pa.chunked_array([pa.array(np.ascontiguousarray(values), from_pandas=False)])
+    else:
+        return pa.chunked_array([pa.array([str(own) for own in values], pa.string())])
+    return pa.chunked_array([pa.array(np.ascontiguousarray(values), from_pandas=True)])

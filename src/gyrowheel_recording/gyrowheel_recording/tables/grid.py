@@ -60,6 +60,9 @@ class Grid:
     #: Columns in the order of the file. Those of one clock have as many rows; others may have more or fewer.
     columns: Mapping[str, Column] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()  # what the reader left out, and why
+    lines: Sequence[int] = ()  # of a text: the line of each row, from 1 on
+    #: Of a text: the first line of another length, how many cells it has, and how many it should have.
+    uneven: tuple[int, int, int] | None = None
 
     @classmethod
     def of(cls, name: str, columns: Iterable[Column], remarks: Sequence[str] = ()) -> Grid:

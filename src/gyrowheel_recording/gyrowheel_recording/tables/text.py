@@ -11,9 +11,10 @@ import itertools
 import re
 import zlib
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import zstandard
@@ -27,12 +28,14 @@ ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _PIECE: Final = 1 << 20
 _SEEN: Final = 1 << 18  # bytes by which the form of a text is detected
 _LOOKED_AT: Final = 200  # lines
+_ALL_GIVEN: Final = 6  # fields of a form: nothing is to be seen
+_MOST_BREAKS: Final = 5  # of lines, within one in quotes
 _DELIMITERS: Final = ("\t", ";", ",", "|", " ")
 _COMMENTS: Final = ("#", "%", "//", ";", "!", '"#')
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|nan|[-+]?inf|", re.IGNORECASE)
 #: A date with a time, a time of day, or a number with its unit behind it: cells of rows, too.
 _OTHER: Final = re.compile(
-    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ,;]*)?\d{1,2}:\d\d(:\d\d([.,:]\d+)?)?(Z|[-+]\d\d(:?\d\d)?)?"
+    r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ,;]*)?\d{1,2}:\d\d(:\d\d([.,:]\d+)?|[.,]\d+)?( ?[AP]M)?(Z|[-+]\d\d(:?\d\d)?)?"
     r"|[-+]?\d+([.,]\d+)*([eE][-+]?\d+)?\s*[A-Za-zµμ°Ω%/]{1,6}"
     r"|[-+]?\d{1,3}([,.' ]\d{3})+[.,]\d*|[-+]?\d{1,3}([' ]\d{3})+"
 )
@@ -41,6 +44,12 @@ EMPTY: Final = (
     "", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "#N/A", "#N/A N/A", "#NA", "#NV", "NULL", "null",
     "None", "none", "-", "--", "---", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN",
 )  # fmt: skip
+#: Characters that look like those of plain numbers: signs of minus, blanks without a break, an apostrophe.
+LIKE_PLAIN: Final = {
+    "\u2212": "-", "\u2013": "-", "\u2010": "-", "\u2011": "-", "\uff0d": "-", "\ufe63": "-", "\uff0b": "+",
+    "\u00a0": " ", "\u2007": " ", "\u2009": " ", "\u202f": " ", "\u2019": "'", "\uff0e": ".", "\uff0c": ",",
+}  # fmt: skip
+_PLAIN: Final = str.maketrans(LIKE_PLAIN)
 #: What separates names that have blanks in them, and the last name of a table whose rows may leave its cell out.
 _APART: Final = re.compile(r"\s{2,}|\t")
 _REMARKS: Final = ("", "comment", "comments", "remark", "remarks", "note", "notes", "kommentar", "bemerkung")
@@ -95,41 +104,96 @@ def text_of(path: Path, *, most: int | None = None) -> bytes:
         return b"".join(parts)
 
 
-def form_of(data: bytes, where: str, *, whole: bool = True) -> TextForm:
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a text; a name in quotes may have line breaks within it, which become blanks.
+
+    Other signs than ends of lines separate none: a form feed, or what some code pages have in the place of an ellipsis.
+    """
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if lines and not lines[-1]:
+        lines.pop()
+    if '"' not in text:
+        return lines
+    result: list[str] = []
+    k = 0
+    while k < len(lines):
+        line, more = lines[k], 0
+        while line.count('"') % 2 and more < _MOST_BREAKS and k + more + 1 < len(lines):
+            more += 1
+            line = f"{line} {lines[k + more]}"
+        closed = not line.count('"') % 2
+        result.append(line if closed else lines[k])
+        k += 1 + (more if closed else 0)
+    return result
+
+
+def form_of(
+    data: bytes, where: str, *, whole: bool = True, given: Mapping[str, Any] = MappingProxyType({})
+) -> TextForm:
     """Return how the table at the beginning of a text is written.
 
-    The last line is not used unless this is the `whole` text. Raises InputError if no table of numbers is
-    found in it; it names `where`.
+    The last line is not used unless this is the `whole` text. `given` has fields that are known. Raises InputError if
+    no table of numbers is found in it; it names `where`.
     """
-    found = _form(data, whole)
-    if isinstance(found, str):
-        raise InputError(f"{where}: {found}")
-    return found
+    known = {key: given[key] for key in ("delimiter", "decimal", "encoding") if key in given}
+    try:
+        found = _form(data, whole, **known)
+        if isinstance(found, str):
+            if len(given) < _ALL_GIVEN:
+                raise InputError(f"{where}: {found}")
+            found = TextForm()
+        form = replace(found, **given)
+        if (form.skip_lines, form.unit_lines) != (found.skip_lines, found.unit_lines) or not form.names:
+            return _head_of(data, form)
+    except LookupError:
+        raise InputError(
+            f"{where}: the encoding '{given['encoding']}' is not known; allowed: such as utf-8"
+        ) from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{where}: byte {error.start + 1} is no text in {given['encoding']}; csv.encoding names another encoding"
+        ) from None
+    return form
+
+
+def one_byte_encoding(data: bytes) -> str:
+    """Return the encoding of a text that is not Unicode: that of Windows where it has signs that Latin 1 lacks."""
+    try:
+        return "cp1252" if any(sign > "\xff" for sign in data.decode("cp1252")) else "latin-1"
+    except UnicodeDecodeError:
+        return "latin-1"
 
 
 @functools.lru_cache(maxsize=8)  # a table is looked at several times before it is read
-def _form(data: bytes, whole: bool) -> TextForm | str:
-    """Return how a table is written, or why no table is found."""
-    encoding = next((name for mark, name in _ENCODINGS if data.startswith(mark)), "utf-8")
-    try:
-        # a letter may be cut in two at the end
+def _form(
+    data: bytes, whole: bool, delimiter: str = "", decimal: str = "", encoding: str = ""
+) -> TextForm | str:
+    """Return how a table is written, as far as it is not given, or why no table is found."""
+    if encoding:
         text = codecs.getincrementaldecoder(encoding)().decode(data, whole)
-    except UnicodeDecodeError:
-        encoding = "latin-1"
-        text = data.decode(encoding)
+    else:
+        encoding = next((name for mark, name in _ENCODINGS if data.startswith(mark)), "utf-8")
+        try:
+            # a letter may be cut in two at the end
+            text = codecs.getincrementaldecoder(encoding)().decode(data, whole)
+        except UnicodeDecodeError:
+            encoding = one_byte_encoding(data)
+            text = data.decode(encoding)
     if "\0" in text:
         return "is no text: it has a zero byte near its beginning"
-    lines = text.splitlines()
+    lines = lines_of(text)
     if not whole and len(lines) > 1:
         lines = lines[:-1]
     lines = lines[: 10 * _LOOKED_AT]
     best: tuple[int, int, TextForm] | None = None
-    for delimiter, decimal in itertools.product(_DELIMITERS, (".", ",")):
-        if delimiter == decimal or (decimal == "," and "," not in text):
+    for sign, point in itertools.product(
+        [delimiter] if delimiter else _DELIMITERS, [decimal] if decimal else ".,"
+    ):
+        if sign == point or (point == "," and "," not in text):
             continue
-        if delimiter != " " and delimiter not in text:
+        if sign != " " and sign not in text:
             continue
-        found = _tried(lines, delimiter, decimal, encoding)
+        found = _tried(lines, sign, point, encoding)
         if found is not None and (best is None or found[:2] > best[:2]):
             best = found
     if best is None:
@@ -140,10 +204,10 @@ def _form(data: bytes, whole: bool) -> TextForm | str:
     return best[2]
 
 
-def form_of_file(path: Path) -> TextForm:
+def form_of_file(path: Path, given: Mapping[str, Any] = MappingProxyType({})) -> TextForm:
     """Look at the beginning of a file, plain or compressed, and return how its table is written (see `form_of`)."""
     data = text_of(path, most=_SEEN)
-    return form_of(data, str(path), whole=len(data) < _SEEN)
+    return form_of(data, str(path), whole=len(data) < _SEEN, given=given)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -163,7 +227,7 @@ def _words(cells: Sequence[str], decimal: str) -> set[int]:
     foreign = "," if decimal == "." else "."
     return {
         at
-        for at, cell in enumerate(cells)
+        for at, cell in enumerate(cell.translate(_PLAIN) for cell in cells)
         if not (
             (foreign not in cell and _NUMBER.fullmatch(cell.replace(decimal, ".")))
             or _OTHER.fullmatch(cell)
@@ -216,7 +280,9 @@ def _tried(
     if not good:
         return None
     first, numeric = good[0], table.numeric
-    open_end = all(not table.cells[k][-1] for k in good)
+    shape = _Shape(
+        width, all(not table.cells[k][-1] for k in good), _counts_rows([table.cells[k][0] for k in good])
+    )
     marked = (
         mark
         for k in range(first, min(len(lines), first + 10 * _LOOKED_AT))
@@ -225,9 +291,7 @@ def _tried(
     comment = next(marked, "")
     # the names stand in the nearest line above that has as many cells; a line of units may stand between them
     worded = [
-        k
-        for k in range(first)
-        if lines[k].strip() and _head(lines[k], delimiter, width, open_end=open_end) and table.words[k]
+        k for k in range(first) if lines[k].strip() and _head(lines[k], delimiter, shape) and table.words[k]
     ]
     # names may be numbers but for one, and so may a row be that has an odd cell
     named = [k for k in worded if not numeric[k]] or worded
@@ -237,11 +301,11 @@ def _tried(
         form = TextForm(delimiter, decimal, first, 0, comment, encoding, names, (), named=False)
         return size, width, form
     at = named[-1]
-    found = _head(lines[at], delimiter, width, open_end=open_end)
+    found = _head(lines[at], delimiter, shape)
     units: list[str] = []
     if len(named) > 1 and named[-2] == at - 1 and _looks_like_units(found):
         units, at = found, at - 1
-        found = _head(lines[at], delimiter, width, open_end=open_end)
+        found = _head(lines[at], delimiter, shape)
         units = [*units, *[""] * len(found)][: len(found)]
     # up to the last line of words; a row with an odd cell is a row
     below = max((k - at for k in range(at + 1, first) if table.words[k] and not numeric[k]), default=0)
@@ -254,24 +318,55 @@ def _comment_mark(line: str, *, without: str = "") -> str:
     return next((m for m in _COMMENTS if m != without and line.lstrip().startswith(m)), "")
 
 
-def _head(line: str, delimiter: str, width: int, *, open_end: bool) -> list[str]:
+@dataclass(frozen=True)
+class _Shape:
+    """The cells of most rows: their number, whether the last is always empty, and whether the first counts the rows."""
+
+    width: int
+    open_end: bool = False
+    counted: bool = False
+
+    @classmethod
+    def of(cls, rows: Sequence[str], delimiter: str) -> _Shape:
+        seen = [cells_of(line, delimiter) for line in rows[:_LOOKED_AT]]
+        if not seen:
+            return cls(0)
+        width = Counter(map(len, seen)).most_common(1)[0][0]
+        usual = [cells for cells in seen if len(cells) == width]
+        return cls(width, all(not cells[-1] for cells in usual), _counts_rows([cells[0] for cells in usual]))
+
+
+def _counts_rows(cells: Sequence[str]) -> bool:
+    """Whether cells are the numbers of rows, as R writes them before each row, without a name above them."""
+    return (
+        len(cells) > 1
+        and cells[0] in ("0", "1")
+        and all(cell.isdecimal() and int(cell) == int(cells[0]) + k for k, cell in enumerate(cells))
+    )
+
+
+def _head(line: str, delimiter: str, shape: _Shape) -> list[str]:
     """Return the names in a line above rows of so many cells; nothing where it has another number of them.
 
     It may stand behind a comment sign, and its names be apart by several blanks. The last name may be that of
-    remarks, which rows leave out; where every row ends with a delimiter, the last column may lack a name.
+    remarks, which rows leave out; where every row ends with a delimiter, the last column may lack a name, and where
+    every row begins with its number, the first one.
     """
+    width = shape.width
     cells = cells_of(line, delimiter)
     bare = _uncommented(cells, line, delimiter)
     apart = [part.strip() for part in _APART.split(line.strip())] if delimiter == " " else []
     for own in (cells, bare, apart):
         if len(own) == width:
             return own
+        if len(own) == width - 1 and shape.counted and not shape.open_end:
+            return ["", *own]
     if delimiter == " ":  # nothing can stand between two blanks
         return []
     for own in (cells, bare):
         if len(own) == width + 1 and own[-1].lower() in _REMARKS:
             return own
-        if len(own) == width - 1 and open_end:
+        if len(own) == width - 1 and shape.open_end:
             return [*own, ""]
     return []
 
@@ -301,52 +396,54 @@ def _looks_like_units(cells: Sequence[str]) -> bool:
     return len(known) > 0 and len(known) + sum(cell == "" for cell in own) >= 0.6 * len(cells)
 
 
-def _usual(rows: Sequence[str], delimiter: str) -> tuple[int, bool]:
-    """Return the number of cells of most rows, and whether all of those end with an empty one; 0 without rows."""
-    seen = [cells_of(line, delimiter) for line in rows[:_LOOKED_AT]]
-    if not seen:
-        return 0, False
-    width = Counter(map(len, seen)).most_common(1)[0][0]
-    return width, all(not cells[-1] for cells in seen if len(cells) == width)
-
-
 def needs_no_change(beginning: str, form: TextForm) -> bool:
-    """Whether a reader of comma-separated values sees the names in a text as `plain_rows` does, by its beginning."""
-    lines = beginning.splitlines()[form.skip_lines :]
-    rows = [line for line in lines[1:-1] if line.strip()]
-    if not rows:
-        return True
-    raw = lines[0].removeprefix("\ufeff").split(form.delimiter)
-    blank = any(cell != cell.strip() or cell.strip('"') != cell.strip('"').strip() for cell in raw)
-    return not blank and len(raw) == _usual(rows, form.delimiter)[0]
+    """Whether a reader of comma-separated values sees the rows of a text as `plain_rows` does, by its beginning."""
+    if not form.named or form.comment or form.delimiter == " ":
+        return False
+    lines = beginning.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    head = lines[: form.skip_lines + 1 + form.unit_lines]
+    return (
+        not any(line.count('"') % 2 for line in head)
+        and len(form.names)
+        == _Shape.of([line for line in lines[len(head) : -1] if line.strip()], form.delimiter).width
+    )
 
 
-def plain_rows(data: bytes, form: TextForm) -> bytes:
-    """Return a text without the lines and blanks that a reader of comma-separated values does not know.
+def plain_rows(data: bytes, form: TextForm) -> tuple[bytes, list[int], int]:
+    """Return the rows of a text without what a reader of comma-separated values does not know, and their lines.
 
-    Comments are taken out, runs of blanks become one, lines between names and numbers go, and so do lines that repeat
-    the names; the line of names is the first one. What needs nothing of that comes back as it is, from its line of
-    names on. Rows that leave the last cell out get an empty one.
+    Comments are taken out, runs of blanks become one, and lines that repeat the names go; the last result is how many
+    did. Rows that leave the last cell out get an empty one. The lines are numbers from 1 on.
     """
-    text = data.decode(form.encoding)
-    lines = text.splitlines()
-    head, rows = lines[form.skip_lines : form.skip_lines + 1], lines[form.skip_lines + 1 + form.unit_lines :]
-    if not form.named:
-        head, rows = [], lines[form.skip_lines :]
+    lines = lines_of(data.decode(form.encoding))
+    begin = form.skip_lines + (1 + form.unit_lines if form.named else 0)
+    numbered = [(k, line) for k, line in enumerate(lines[begin:], begin + 1) if line.strip()]
     if form.comment:
-        rows = [line for line in rows if not line.lstrip().startswith(form.comment)]
-    if head:
-        rows = [line for line in rows if line != head[0]]
+        numbered = [own for own in numbered if not own[1].lstrip().startswith(form.comment)]
+    every = len(numbered)
+    if form.named:
+        head = lines[form.skip_lines] if form.skip_lines < len(lines) else ""
+        numbered = [own for own in numbered if own[1] != head]
+    repeated = every - len(numbered)
+    rows = [line for _, line in numbered]
     if form.delimiter == " ":
         rows = [" ".join(line.split()) for line in rows]
-    rows = [line for line in rows if line.strip()]
-    width, open_end = _usual(rows, form.delimiter)
-    names = list(form.names)
-    if not names and head:
-        names = _head(head[0], form.delimiter, width, open_end=open_end) or cells_of(head[0], form.delimiter)
+    width, names = _Shape.of(rows, form.delimiter).width, form.names
     if len(names) == width + 1 and form.delimiter != " " and names[-1].lower() in _REMARKS:
         rows = [
             line + form.delimiter if len(cells_of(line, form.delimiter)) == width else line for line in rows
         ]
-    quoted = form.delimiter.join(f'"{name.replace(chr(34), "")}"' for name in names)
-    return "\n".join([quoted, *rows]).encode() + b"\n"
+    return "\n".join(rows).encode() + b"\n", [k for k, _ in numbered], repeated
+
+
+def _head_of(data: bytes, form: TextForm) -> TextForm:
+    """Return a form as it is stated with the names that stand at the beginning of a text written so."""
+    lines = lines_of(codecs.getincrementaldecoder(form.encoding)().decode(data))
+    begin = form.skip_lines + 1 + form.unit_lines
+    rows = [line for line in lines[begin:] if line.strip()]
+    if form.comment:
+        rows = [line for line in rows if not line.lstrip().startswith(form.comment)]
+    line = lines[form.skip_lines] if form.skip_lines < len(lines) else ""
+    shape = _Shape.of(rows[:-1] or rows, form.delimiter)
+    names = _head(line, form.delimiter, shape) or cells_of(line, form.delimiter)
+    return replace(form, names=tuple(names), units=(), named=True)

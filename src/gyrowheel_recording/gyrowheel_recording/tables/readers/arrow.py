@@ -32,6 +32,8 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
 def of_table(table: Any, where: str) -> Grid:
     """Return a table of arrow."""
     columns = []
+    while any(pa.types.is_struct(field.type) for field in table.schema):
+        table = table.flatten()  # the fields of records, as record.field
     for name, values in zip(table.column_names, table.columns, strict=True):
         about = table.schema.field(name).metadata or {}
         unit = about.get(b"unit", b"").decode("utf-8", "replace")
@@ -55,7 +57,7 @@ def as_numbers(values: Any) -> Any:
     """Return a column of arrow as numbers with NaN where nothing stands, as dates, or as texts."""
     kind = values.type
     if pa.types.is_timestamp(kind):
-        return values.cast(pa.timestamp("ns")).to_numpy()
+        return values.cast(pa.timestamp("ns"), safe=False).to_numpy()
     if pa.types.is_null(kind):
         return np.full(len(values), np.nan)
     if pa.types.is_integer(kind) and not values.null_count:
@@ -67,4 +69,12 @@ def as_numbers(values: Any) -> Any:
         or pa.types.is_decimal(kind)
     ):
         return values.cast(pa.float64(), safe=False).to_numpy()
-    return np.array([str(value) for value in values.slice(0, 1000).to_pylist()], dtype=object)
+    return np.array([_text(value) for value in values.slice(0, 1000)], dtype=object)
+
+
+def _text(value: Any) -> str:
+    """Return what a cell holds as text; empty where Python has nothing like it, as dates beyond the year 9999."""
+    try:
+        return str(value.as_py())
+    except (ValueError, OverflowError, pa.ArrowException):
+        return ""

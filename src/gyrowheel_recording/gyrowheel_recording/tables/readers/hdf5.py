@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import mmap
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -99,8 +100,10 @@ class Texts:
         """Close the file."""
         self._data.close()
 
-    def of(self, node: Any, name: str) -> str | None:
-        """Return the first text in an attribute of a data set; None if the data set has its attributes elsewhere.
+    def of(self, node: Any, name: str, count: int) -> list[str] | None:
+        """Return the texts in an attribute of a data set; None if the data set has its attributes elsewhere.
+
+        `count` is how many there are.
 
         Raises
         ------
@@ -112,7 +115,8 @@ class Texts:
         for body in self._attributes(h5py.h5o.get_info(node.id).addr):
             stored = self._stored(body, name.encode())
             if stored is not None:
-                return self._text(stored)
+                width = 8 + self._address
+                return [self._text(stored[width * k : width * (k + 1)]) for k in range(count)]
         return None
 
     def _number(self, place: int, size: int) -> int:
@@ -217,6 +221,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     columns: list[Column] = []
     objects: dict[str, str] = {}
     remarks: list[str] = []
+    steps: dict[str, tuple[float, range]] = {}
     size = 0.0
     with library_errors(path), h5py.File(path, "r") as file, Texts(path, file) as texts:
         attributes = _Attributes(texts)
@@ -239,17 +244,59 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                     raise
                 remarks.append(f"{own} is left out: {short_message(error)}")
                 continue
-            if fields is None or node.size < 2:
+            if fields is None or node.size < 2 or attributes.numbers(node, "MATLAB_empty") == [1.0]:
                 continue
             require_plain(node, path, own)
             size += float(node.size) * max(len(fields), node.dtype.itemsize / 8.0, 1.0)
             require_table(size, str(path))
-            columns.extend(
-                split(own, _physical(node, fields, attributes), unit=attributes.unit(node), joint=joint)
-            )
-    found = [own for own in columns if names is None or own.name in names]
+            values = _physical(node, fields, attributes)
+            several = split(own, values.T if joint == "." and values.ndim == 2 else values, joint=joint)
+            columns.extend(_described(several, node, own, joint, attributes, remarks))
+            if len(several) > 1 and (step := attributes.step(node)):
+                steps[f"{own}{joint}time"] = step, range(len(columns) - len(several), len(columns))
+    for clock, (step, several_of_it) in steps.items():
+        rows = len(columns[several_of_it[0]].values)
+        if any(_ascends(own.values) for own in columns if len(own.values) == rows):
+            continue  # the file has the times themselves
+        columns.append(Column(clock, step * np.arange(rows), "s", clock))
+        for k in several_of_it:
+            columns[k] = replace(columns[k], clock=clock)
+    wanted = {own.name for own in columns if names is None or own.name in names}
+    wanted |= {own.clock for own in columns if own.name in wanted}
+    found = [own for own in columns if own.name in wanted]
     said_of = object_remarks(objects, path, found, all_read=names is None)
     return Grid.of(str(path), found, [*said_of, *remarks])
+
+
+#: Attributes of a matrix with the names of its columns; of it, its group or its file with the rate or the step.
+_LABELS: Final = (
+    "channel_names", "column_names", "names", "columns", "channels", "labels", "headers", "col_names",
+)  # fmt: skip
+_RATES: Final = ("sample_rate", "sampling_rate", "samplerate", "sampling_frequency", "fs", "Fs", "rate_hz")
+_STEPS: Final = ("dt", "sample_period", "sampling_period", "sampling_interval", "delta_t", "wf_increment")
+
+
+def _ascends(values: Any) -> bool:
+    """Whether a column may be times: its numbers ascend from row to row."""
+    return bool(np.all(np.diff(values.astype(np.float64)) > 0.0))
+
+
+def _described(
+    several: list[Column], node: Any, own: str, joint: str, attributes: _Attributes, remarks: list[str]
+) -> Iterator[Column]:
+    """Yield the columns of a data set by the names and units that the file states for it."""
+    units, labels = attributes.texts(node, _UNITS), attributes.labels(node)
+    if len(labels) != len(several):
+        labels = []
+    if len(units) not in (0, 1, len(several)):
+        remarks.append(f"{own}: {len(units)} units are stated for {len(several)} columns: not used")
+        units = []
+    place = own.rpartition(joint)[0] if labels and attributes.is_frame(node) else own
+    for k, column in enumerate(several):
+        unit = (
+            units[k % len(units)].partition(" since ")[0] if units else ""
+        )  # a date stands behind those of times
+        yield replace(column, name=f"{place}{joint}{labels[k]}" if labels else column.name, unit=unit)
 
 
 def _data_sets(file: Any, path: Path) -> Iterator[tuple[str, Any]]:
@@ -326,9 +373,11 @@ class _Attributes:
         ):
             return np.zeros(0)
         if stored.dtype.hasobject:
-            text = self._texts.of(node, name) if h5py.check_string_dtype(stored.dtype) else ""
-            if text is not None:
-                return np.array([text], dtype=object)
+            if not h5py.check_string_dtype(stored.dtype):
+                return np.zeros(0)
+            texts = self._texts.of(node, name, stored.get_space().get_simple_extent_npoints())
+            if texts is not None:
+                return np.array(texts, dtype=object)
         return np.asarray(node.attrs[name]).ravel()
 
     def numbers(self, node: Any, name: str) -> list[float]:
@@ -336,13 +385,37 @@ class _Attributes:
         value = self.of(node, name)
         return [float(own) for own in value] if value.dtype.kind in "biuf" else []
 
-    def unit(self, node: Any) -> str:
-        """Return the unit of a data set; empty where none is stated."""
-        for name in _UNITS:
+    def texts(self, node: Any, names: Sequence[str]) -> list[str]:
+        """Return the texts in the first of some attributes that has any; none where there is no such one."""
+        for name in names:
             value = self.of(node, name)
-            if len(value):
-                return _text(value[0]).partition(" since ")[0]  # a date stands behind those of times
-        return ""
+            if len(value) and value.dtype.kind in "OSU":
+                return [_text(own) for own in value]
+        return []
+
+    def labels(self, node: Any) -> list[str]:
+        """Return the names of the columns of a matrix; none where the file states none."""
+        if not self.is_frame(node):
+            return self.texts(node, _LABELS)
+        items = node.parent.get(node.name.rpartition("/")[2].replace("_values", "_items"))
+        if items is None or items.dtype.kind != "S" or items.ndim != 1 or items.nbytes > _WIDEST:
+            return []
+        return [_text(own) for own in items[()]]
+
+    def is_frame(self, node: Any) -> bool:
+        """Whether a data set has numbers of a data frame of pandas, whose names stand in another one."""
+        name = node.name.rpartition("/")[2]
+        return name.startswith("block") and name.endswith("_values") and "pandas_type" in node.parent.attrs
+
+    def step(self, node: Any) -> float:
+        """Return the time between rows [s] that is stated for a data set, its group or its file; 0 if none is."""
+        for place in (node, node.parent, node.file):
+            for names, by_rate in ((_RATES, True), (_STEPS, False)):
+                for name in names:
+                    value = self.numbers(place, name)
+                    if len(value) == 1 and math.isfinite(value[0]) and value[0] > 0.0:
+                        return 1.0 / value[0] if by_rate else value[0]
+        return 0.0
 
 
 def _is_matlab(path: Path) -> bool:

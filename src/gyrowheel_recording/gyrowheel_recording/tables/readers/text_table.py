@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -19,24 +20,35 @@ from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.files import require_room
 from gyrowheel_recording.tables.grid import Column, Grid, Odd
 from gyrowheel_recording.tables.readers.arrow import as_numbers
-from gyrowheel_recording.tables.text import EMPTY, TextForm, form_of, plain_rows, text_of
+from gyrowheel_recording.tables.text import (
+    EMPTY,
+    LIKE_PLAIN,
+    TextForm,
+    form_of,
+    needs_no_change,
+    one_byte_encoding,
+    plain_rows,
+    text_of,
+)
 
 _EXPONENT: Final = r"([eEdD][-+]?\d+)?"
 _MOST: Final = 8  # different texts that are reported
 
 
-#: Around a number; other characters that show as nothing are no part of it.
-_BLANKS: Final = " \t\r\n\u00a0\u2009\u202f"
-
-
-def numbers_of(values: Any, decimal: str) -> tuple[NDArray[np.float64], tuple[Odd, ...]]:
+def numbers_of(
+    values: Any, decimal: str, missing: Sequence[str] = ()
+) -> tuple[NDArray[np.float64], tuple[Odd, ...]]:
     """Return a column of texts (null: empty) as numbers, NaN where a cell is none, and the odd cells.
 
-    Numbers that are written in another way than the rest are read, and reported.
+    Numbers that are written in another way than the rest are read, and reported. `missing` are words for none.
     """
-    texts = pc.utf8_trim(values.cast(pa.string()), characters=_BLANKS).combine_chunks()
+    texts = values.cast(pa.string()).combine_chunks()
+    if not pc.all(pc.string_is_ascii(texts)).as_py():  # null where there are no cells
+        for own, other in LIKE_PLAIN.items():
+            texts = pc.replace_substring(texts, own, other)
+    texts = pc.utf8_trim(texts, characters=" \t\r\n")
     result = np.full(len(texts), np.nan)
-    empty = pc.or_(texts.is_null(), pc.is_in(texts, pa.array(list(EMPTY))))
+    empty = pc.or_(texts.is_null(), pc.is_in(texts, pa.array([*EMPTY, *missing])))
     left = ~np.asarray(empty.to_numpy(zero_copy_only=False))
     odd: list[Odd] = []
     for kind, pattern, change in _cell_kinds(decimal):
@@ -105,7 +117,7 @@ def _cell_kinds(decimal: str) -> list[tuple[Any, str, list[tuple[str, str]]]]:
         ("", f"^{own}$", [(rf"[{decimal}]", "."), exponent, plus]),
         (
             "thousands",
-            rf"^[-+]?(\d{{1,3}}([{other}' ]\d{{3}})+[{decimal}]\d*|\d{{1,3}}([' ]\d{{3}})+)$",
+            rf"^[-+]?(\d{{1,3}}([{other}' ]\d{{3}})+[{decimal}]\d*|\d{{1,3}}([' ]\d{{3}})+){_EXPONENT}$",
             [(rf"[{other}' ]", ""), (rf"[{decimal}]", "."), plus],
         ),
         ("decimal", f"^{foreign}$", [(rf"[{other}]", "."), exponent, plus]),
@@ -116,7 +128,8 @@ def _cell_kinds(decimal: str) -> list[tuple[Any, str, list[tuple[str, str]]]]:
         ),
         (
             "clock",
-            r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T,;]*)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?(Z|[-+]\d{2}(:?\d{2})?)?$",
+            r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T,;]*)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?|[.,]\d+)?( ?[AaPp][Mm])?"
+            r"(Z|[-+]\d{2}(:?\d{2})?)?$",
             [],
         ),
     ]
@@ -126,87 +139,153 @@ _TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than i
 _HEAD: Final = 1 << 18
 
 
-def read(path: Path, names: Sequence[str] | None) -> Grid:
-    """Read a text as it seems to be written (see `formats.read_grid`)."""
+def read(
+    path: Path,
+    names: Sequence[str] | None,
+    given: Mapping[str, Any] = MappingProxyType({}),
+    missing: Sequence[str] = (),
+) -> Grid:
+    """Read a text as it seems to be written (see `formats.read_grid`), as far as it is not `given`.
+
+    `given` are fields of `TextForm`, `missing` are words that stand for no number.
+    """
     try:
         data = text_of(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from None
     require_room(_TEXT_TO_MEMORY * len(data), f"{path}: it")
-    form = form_of(data[:_HEAD], str(path), whole=len(data) <= _HEAD)
+    form = form_of(data[:_HEAD], str(path), whole=len(data) <= _HEAD, given=given)
     try:
         data.decode(form.encoding)
     except UnicodeDecodeError as error:  # further down than was looked at
-        if form.encoding != "utf-8":
+        if form.encoding != "utf-8" or "encoding" in given:
             raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
-        form = replace(form, encoding="latin-1")
-    return rows_of(data, form, str(path), names)
+        form = replace(form, encoding=one_byte_encoding(data))
+    return rows_of(data, form, str(path), names, missing)
 
 
-def rows_of(data: bytes, form: TextForm, where: str, names: Sequence[str] | None = None) -> Grid:
+def rows_of(
+    data: bytes,
+    form: TextForm,
+    where: str,
+    names: Sequence[str] | None = None,
+    missing: Sequence[str] = (),
+) -> Grid:
     """Return the columns of a text of a known form.
 
     A row of another length is left out, and so is one that repeats the names; both are counted. A column with numbers
     in most of its cells is one of numbers, whatever stands in the others.
     """
-    left_out = 0
-
-    def note(row: Any) -> str:
-        nonlocal left_out
-        left_out += 1
-        return "skip"
-
+    unique = names_of(form)
+    beginning = data[:_HEAD].decode(form.encoding, "ignore")
+    begin = form.skip_lines + 1 + form.unit_lines
+    found, repeated = None, 0
+    if form.encoding in ("utf-8", "utf-8-sig") and needs_no_change(beginning, form):
+        found = _Rows(data, begin, unique, form, names, missing).read()
+        plain = found is not None and not any(pa.types.is_string(column.type) for column in found[0].columns)
+        lines: Sequence[int] = range(begin + 1, begin + 1 + (found[0].num_rows if found is not None else 0))
+        if not plain or (found is not None and found[1]):
+            found = None  # words in it may be lines that are no rows
+    if found is None:
+        body, lines, repeated = plain_rows(data, form)
+        found = _Rows(body, 0, unique, form, names, missing).read()
+        if found is None:
+            raise InputError(f"{where}: cannot be read: its rows are not those of a table")
+    table, wrong = found
     units = form.units or ("",) * len(form.names)
-    unique: list[str] = []
-    for name in form.names:  # arrow needs names that differ
-        own, count = name or "column", 1
-        while own in unique:
-            count += 1
-            own = f"{name} ({count})"
-        unique.append(own)
-    body = plain_rows(data, form)
-    read_options = csv.ReadOptions(skip_rows=1, column_names=unique, block_size=1 << 24)
-    parse = csv.ParseOptions(delimiter=form.delimiter, invalid_row_handler=note)
-
-    def read(types: dict[str, Any]) -> Any:
-        nonlocal left_out
-        left_out = 0
-        convert = csv.ConvertOptions(
-            decimal_point=form.decimal,
-            null_values=list(EMPTY),
-            strings_can_be_null=True,
-            column_types=types,
-            include_columns=[name for name in unique if names is None or name in names],
-        )
-        return csv.read_csv(
-            io.BytesIO(body), read_options=read_options, parse_options=parse, convert_options=convert
-        )
-
-    try:
-        try:
-            table = read({})
-        except pa.ArrowInvalid:  # a text behind the first million numbers
-            table = read(dict.fromkeys(unique, pa.string()))
-    except pa.ArrowException as error:
-        raise InputError(f"{where}: cannot be read: {one_line(error)}") from None
     columns = [
-        _column(name, table.column(name), unit, form.decimal)
+        _column(name, table.column(name), unit, form.decimal, missing)
         for name, unit in zip(unique, units, strict=True)
         if name in table.column_names
     ]
-    remarks = [f"{left_out} rows of another length are left out"] if left_out else []
-    if repeated := _repeated_names(data, form):
+    remarks, uneven = [], None
+    if wrong:
+        left_out = {row for row, _ in wrong}
+        row, count = wrong[0]
+        if [row for row, _ in wrong] == [len(lines)]:
+            remarks.append("the last line breaks off: it is left out")
+        else:
+            remarks.append(f"{len(wrong)} rows of another length are left out")
+            uneven = lines[row - 1], count, len(unique)
+        lines = [line for k, line in enumerate(lines, 1) if k not in left_out]
+    if repeated:
         remarks.append(f"{repeated} lines that repeat the names are left out")
-    return Grid.of(where, columns, remarks)
+    return replace(Grid.of(where, columns, remarks), lines=lines, uneven=uneven)
 
 
-def _column(name: str, values: Any, unit: str, decimal: str) -> Column:
+def names_of(form: TextForm) -> list[str]:
+    """Return the names by which maps call the columns of a text: each once, a number behind one that comes again."""
+    unique: list[str] = []
+    for name in form.names:
+        own, count = name or "column", 1
+        while own in unique:
+            count += 1
+            own = f"{name or 'column'} ({count})"
+        unique.append(own)
+    return unique
+
+
+class _Rows:
+    """Rows of a text as arrow reads them."""
+
+    def __init__(
+        self,
+        body: bytes,
+        skipped: int,
+        unique: Sequence[str],
+        form: TextForm,
+        names: Sequence[str] | None,
+        missing: Sequence[str],
+    ) -> None:
+        self._body, self._form, self._missing = body, form, missing
+        self._names = list(unique)
+        self._wanted = [name for name in unique if names is None or name in names]
+        self._skipped = skipped
+
+    def read(self) -> tuple[Any, list[tuple[int, int]]] | None:
+        """Return the columns, and the rows of another length: number from 1 on, and cells; None if arrow cannot."""
+        for types in ({}, dict.fromkeys(self._names, pa.string())):  # a text behind the first million numbers
+            try:
+                wrong: list[Any] = []
+                table = self._table(types, wrong, threads=True)
+                if wrong:  # rows are counted by one thread alone
+                    wrong = []
+                    table = self._table(types, wrong, threads=False)
+                return table, [(row.number - self._skipped, row.actual_columns) for row in wrong]
+            except pa.ArrowInvalid:
+                continue
+        return None
+
+    def _table(self, types: dict[str, Any], wrong: list[Any], *, threads: bool) -> Any:
+        def note(row: Any) -> str:
+            wrong.append(row)
+            return "skip"
+
+        return csv.read_csv(
+            io.BytesIO(self._body),
+            read_options=csv.ReadOptions(
+                skip_rows=self._skipped, column_names=self._names, block_size=1 << 24, use_threads=threads
+            ),
+            parse_options=csv.ParseOptions(delimiter=self._form.delimiter, invalid_row_handler=note),
+            convert_options=csv.ConvertOptions(
+                decimal_point=self._form.decimal,
+                null_values=[*EMPTY, *self._missing],
+                strings_can_be_null=True,
+                column_types=types,
+                include_columns=self._wanted,
+            ),
+        )
+
+
+def _column(name: str, values: Any, unit: str, decimal: str, missing: Sequence[str]) -> Column:
     """Return a column as it was read: of numbers, where most of its cells are numbers or times of day."""
     if pa.types.is_time(values.type):
         values = values.cast(pa.string())
     if not pa.types.is_string(values.type):
         return Column(name, as_numbers(values), unit)
-    numbers, odd = numbers_of(values, decimal)
+    numbers, odd = numbers_of(values, decimal, missing)
     clock = sum(own.count for own in odd if own.kind == "clock")
     known = len(values) - values.null_count
     if clock == known > 0 and (dates := dates_of(values)) is not None:
@@ -214,11 +293,3 @@ def _column(name: str, values: Any, unit: str, decimal: str) -> Column:
     if 2 * (int(np.isfinite(numbers).sum()) + clock) > known:
         return Column(name, numbers, unit, odd=odd)
     return Column(name, as_numbers(values), unit)
-
-
-def _repeated_names(data: bytes, form: TextForm) -> int:
-    """Return how often the line of names stands in a text once more."""
-    if not form.named:
-        return 0
-    lines = data.decode(form.encoding).splitlines()
-    return lines.count(lines[form.skip_lines]) - 1
