@@ -52,7 +52,7 @@ class TableMap(Result):
     def remarks(self) -> tuple[str, ...]:
         """Missing readings and what an import does about them."""
         found = self.suggestion
-        problems = [f"{own.what} {own.cure}" for own in found.problems if not own.asks]
+        problems = [f"{own.what} {own.cure}".strip() for own in found.problems if not own.asks]
         return (*problems, *(f"{text}." for text in found.remarks if not text.startswith("not in the")))
 
     @property
@@ -254,7 +254,7 @@ def _joined(tables: Sequence[Any]) -> Grid:
             clock = f"{names[-1]}/{column.clock}" if column.clock else ""
             columns.append(replace(column, name=f"{names[-1]}/{column.name}", clock=clock))
         remarks += [f"{names[-1]}: {remark}" for remark in grid.remarks]
-    return Grid.of(_file(tables), columns, remarks)
+    return replace(Grid.of(_file(tables), columns, remarks), files=tuple(names))
 
 
 def _name(table: Any) -> str:

@@ -60,6 +60,7 @@ class Grid:
     #: Columns in the order of the file. Those of one clock have as many rows; others may have more or fewer.
     columns: Mapping[str, Column] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()  # what the reader left out, and why
+    files: tuple[str, ...] = ()  # of several files as one table: what the names of their columns begin with
     lines: Sequence[int] = ()  # of a text: the line of each row, from 1 on
     #: Of a text: the first line of another length, how many cells it has, and how many it should have.
     uneven: tuple[int, int, int] | None = None

@@ -21,6 +21,8 @@ from gyrowheel_sim.bench import Bench
 _FEWEST: Final = 0.02  # of the rows; a column with fewer values is not used
 #: Readings that change slowly.
 _SLOW: Final = frozenset(["coil_temperature", "air_temperature", "air_pressure", TEMPERATURE])
+#: Readings of which not all are zero, whatever the wheel does.
+_NEVER_STILL: Final = frozenset(READINGS) - frozenset(["spin_angle"])
 #: A name with a number in it: what stands before the last one, and behind it.
 _NUMBER: Final = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
 
@@ -177,6 +179,8 @@ def _likely(column: Column, own: str, what: Meaning) -> float:
     values = values[np.isfinite(values)]
     steps = np.diff(values[:SOME])
     rising = bool(len(steps)) and bool(np.mean(steps >= 0.0) > 0.999) and float(steps.sum()) > 0.0
+    if own in _NEVER_STILL and len(values) > 1 and not np.any(values):
+        return -1.5  # an element of a vector, or an input, that nothing is connected to
     if own == TIME:
         if rising and _moves(steps) and column.clock in ("", column.name):
             return 1.0

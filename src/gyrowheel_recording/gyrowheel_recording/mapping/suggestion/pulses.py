@@ -187,8 +187,10 @@ def _turning(grid: Grid, found: Mapping[str, Proposal]) -> tuple[Array, Array] |
     else:
         seconds = in_si(time, grid, "s")
     rate = np.abs(in_si(speed, grid, "rad/s"))
+    if len(rate) != len(seconds):
+        return None
     known = np.isfinite(rate) & np.isfinite(seconds)
-    if known.sum() < 2 or len(rate) != len(seconds):
+    if known.sum() < 2:
         return None
     rate = np.interp(np.arange(len(rate)), np.flatnonzero(known), rate[known])
     turns = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(seconds))]) / (

@@ -264,7 +264,8 @@ def _table_problems(table: _Table) -> list[Problem]:
         if name and count > 1:
             problems.append(Problem(f"{count} columns are called '{name}'.", "Give each a name of its own."))
     for remark in table.grid.remarks:
-        cure = "See whether the file is whole." if remark.endswith("left out") else "It is not used."
+        broken = "rows of another length" in remark or "breaks off" in remark or "damaged" in remark
+        cure = "See whether the file is whole." if broken else ""
         problems.append(Problem(f"{remark}.", cure, asks=False))
     return problems
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-import operator
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -19,8 +16,9 @@ from gyrowheel_core.files import is_file, largest_unpacked, require_room
 from gyrowheel_recording.bags.columns import checked_store
 from gyrowheel_recording.bags.mcap.topics import TopicData
 from gyrowheel_recording.bags.read_bag import read_bag
-from gyrowheel_recording.tables.grid import BYTES_A_VALUE, Column, Grid, require_table
+from gyrowheel_recording.tables.grid import BYTES_A_VALUE, Grid, require_table
 from gyrowheel_recording.tables.readers import library_errors, short_message
+from gyrowheel_recording.tables.readers.messages import TopicColumns, columns_of, frame_of, wanted_fields
 from gyrowheel_recording.tables.readers.ros1 import MAGIC, Bag
 
 _OBJECT: Final = 200  # bytes of a message within another, of one byte
@@ -149,9 +147,7 @@ def _size(store: Typestore, kind: str, what: str) -> _Size:
     return of_type(kind, 0)
 
 
-_MOST: Final = 32  # elements of an array that become columns
-_STAMP: Final = "stamp"
-_BLOCK: Final = 4096  # values that are numbers of Python before they are an array
+_MOST_FRAMES: Final = 16  # of a topic
 
 #: A topic, what makes objects of its messages, and each of them with its time [ns].
 Message = tuple[TopicData, Callable[[bytes], Any], int, bytes]
@@ -161,28 +157,44 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read the topics as ``/topic.field.field``, and their stamps as ``/topic.stamp`` (see `formats.read_grid`).
 
     Elements of an array are ``/topic.field.0`` and on; where a message names them, as those of joints, by their
-    names.
+    names. Of messages of several frames on one topic, each frame is ``/topic@frame``.
     """
-    topics: dict[str, _Topic] = {}
+    topics: dict[str, dict[str, TopicColumns]] = {}
+    failed: set[str] = set()
     remarks: list[str] = []
     with library_errors(path):
         take = _ros1 if is_file(path) and _begins(path) else _ros2
         kept, most = 0, largest_unpacked() / BYTES_A_VALUE
         for topic, decode, logged, message in take(path, names, remarks):
-            own = topics.setdefault(topic.name, _Topic(topic.name, names))
-            if own.seen and not own.parts and names is None:
+            if topic.name in failed:
+                continue
+            frames = topics.setdefault(topic.name, {})
+            count = sum(own.count for own in frames.values())
+            if names is None and count and all(own.seen and not own.parts for own in frames.values()):
                 continue
             try:
                 decoded = decode(message)
             except InputError:
                 raise
             except Exception as error:  # rosbags passes on any error of its generated code
-                where = f"{path}: {topic.name}: message {own.count}"
-                raise InputError(f"{where} cannot be decoded ({short_message(error)})") from None
+                what = f"{topic.name}: message {count} cannot be decoded ({short_message(error)})"
+                if names is not None:
+                    raise InputError(f"{path}: {what}") from None
+                remarks.append(f"{what}: left out")
+                failed.add(topic.name)
+                continue
+            frame = frame_of(decoded)
+            if frame not in frames and len(frames) >= _MOST_FRAMES:
+                frame = next(iter(frames))
+            own = frames.get(frame)
+            if own is None:
+                own = frames[frame] = TopicColumns(wanted_fields(topic.name, frame, names))
             kept += own.add(decoded, logged)
             if kept > most:
                 require_table(kept, str(path))
-        columns = _columns(topics, names)
+        columns = columns_of(
+            {name: own for name, own in topics.items() if name not in failed}, names, remarks
+        )
     if not columns and remarks:
         raise InputError(f"{path}: has no columns of numbers: {'; '.join(remarks)}")
     return Grid.of(str(path), columns, remarks)
@@ -201,7 +213,9 @@ def _ros1(path: Path, names: Sequence[str] | None, remarks: list[str]) -> Iterat
     for connection, logged, message in bag.messages():
         topic = connection.topic
         if topic.name not in wanted:
-            wanted[topic.name] = names is None or any(name.startswith(f"{topic.name}.") for name in names)
+            wanted[topic.name] = names is None or any(
+                name.startswith((f"{topic.name}.", f"{topic.name}@")) for name in names
+            )
         if not wanted[topic.name]:
             continue
         try:
@@ -230,7 +244,7 @@ def _ros2(path: Path, names: Sequence[str] | None, remarks: list[str]) -> Iterat
                 wanted.remove(name)
                 remarks.append(f"{name} is left out: it has lists of bytes, and the bag is large")
     else:
-        wanted = [name[:k] for name in names for k, sign in enumerate(name) if sign == "."]
+        wanted = [name[:k] for name in names for k, sign in enumerate(name) if sign in ".@"]
     topics = read_bag(path, dict.fromkeys(wanted))
     if not any(topics[name].count for name in wanted if name in topics):
         raise _nothing(path, sorted(topics))
@@ -266,127 +280,3 @@ def _left_out(error: InputError, path: Path) -> str:
 def _bytes_of(path: Path) -> int:
     files = path.iterdir() if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if is_file(file))
-
-
-def _columns(topics: dict[str, _Topic], names: Sequence[str] | None) -> list[Column]:
-    columns: list[Column] = []
-    with_times = {
-        topic: own for topic, own in topics.items() if own.count and (names is not None or own.parts)
-    }
-    times = {topic: own.times.array() for topic, own in with_times.items()}
-    begin = min((int(own.min()) for own in times.values()), default=0)
-    for topic, own in with_times.items():
-        clock = f"{topic}.{_STAMP}"
-        order = own.order()
-        columns.append(Column(clock, ((times[topic] - begin) * 1e-9)[order], "s", clock))
-        columns += [Column(name, values.array()[order], "", clock) for name, values in own.values.items()]
-    return columns
-
-
-class _Values:
-    """Numbers that are appended one by one."""
-
-    def __init__(self, missing: int) -> None:
-        self._done = [np.full(missing, np.nan)] if missing else []
-        self._rest: list[Any] = []
-
-    def append(self, value: Any) -> None:
-        """Append one."""
-        self._rest.append(value)
-        if len(self._rest) >= _BLOCK:
-            self._done.append(np.asarray(self._rest))
-            self._rest = []
-
-    def array(self) -> Any:
-        """Return all of them."""
-        if self._rest:
-            self._done.append(np.asarray(self._rest))
-            self._rest = []
-        return np.concatenate(self._done) if self._done else np.zeros(0)
-
-
-class _Topic:
-    """The messages of a topic, as far as they were read."""
-
-    def __init__(self, name: str, wanted: Sequence[str] | None) -> None:
-        self._name, self._wanted = name, wanted
-        self.count = 0  # how many
-        self.times, self._logged = _Values(0), _Values(0)  # their stamps [ns]
-        #: How the numbers in them are taken out, by their names.
-        self.parts: dict[str, Callable[[Any], Any]] = {}
-        self.values: dict[str, _Values] = {}  # the numbers; NaN in messages that do not have one
-        self.seen: set[tuple[str, ...]] = set()  # lists of names in them that were met
-
-    def add(self, message: Any, logged: int) -> int:
-        """Add a message that was logged at a time [ns]; return how many numbers that are."""
-        before = len(self.parts)
-        labels = _labels(message)
-        if labels not in self.seen:
-            self.seen.add(labels)
-            for name, pick in _fields(message, self._name):
-                if name not in self.parts and (self._wanted is None or name in self._wanted):
-                    self.parts[name] = pick
-                    self.values[name] = _Values(self.count)
-        self.times.append(_stamp(message) or logged)
-        self._logged.append(logged)
-        for name, pick in self.parts.items():
-            self.values[name].append(pick(message))
-        self.count += 1
-        return 2 + len(self.parts) + (len(self.parts) - before) * self.count
-
-    def order(self) -> Any:
-        """Return what puts the messages in the order in which they were logged."""
-        return np.argsort(self._logged.array(), kind="stable")
-
-
-def _stamp(message: Any) -> int:
-    """Return the stamp of a message [ns], in its header or without one; 0 if there is no stamp."""
-    for holder in (getattr(message, "header", None), message):
-        stamp = getattr(holder, _STAMP, None)
-        if stamp is not None and hasattr(stamp, "sec") and hasattr(stamp, "nanosec"):
-            return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-    return 0
-
-
-def _labels(message: Any) -> tuple[str, ...]:
-    """Return the names that a message gives to the elements of its arrays, as those of joints; none if it has none."""
-    names = getattr(message, "name", None)
-    if not isinstance(names, list) or not all(isinstance(own, str) and own for own in names):
-        return ()
-    return tuple(names) if len(set(names)) == len(names) else ()
-
-
-def _fields(message: Any, name: str) -> list[tuple[str, Callable[[Any], Any]]]:
-    """Return the numbers in a message: their names, and how they are taken out of another one like it."""
-    found: list[tuple[str, Callable[[Any], Any]]] = []
-    labels = _labels(message)
-    for own in (field.name for field in fields(message)):  # without constants
-        if own == "__msgtype__" or (own == "header" and name.count(".") == 0):
-            continue
-        value, where = getattr(message, own), f"{name}.{own}"
-        if isinstance(value, bool | int | float | np.number):
-            found.append((where, operator.attrgetter(own)))
-        elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and 0 < value.size <= _MOST:
-            if labels and len(labels) == value.size:
-                found += [(f"{where}.{label}", functools.partial(_labelled, own, label)) for label in labels]
-            else:
-                found += [(f"{where}.{k}", functools.partial(_element, own, k)) for k in range(value.size)]
-        elif hasattr(value, "__dataclass_fields__"):
-            found += [(inner, functools.partial(_within, own, take)) for inner, take in _fields(value, where)]
-    return found
-
-
-def _within(name: str, take: Callable[[Any], Any], message: Any) -> Any:
-    return take(getattr(message, name))
-
-
-def _element(name: str, k: int, message: Any) -> Any:
-    """Return an element of an array in a message, NaN where it is shorter than the first one was."""
-    flat = getattr(message, name).ravel()
-    return flat[k] if k < len(flat) else np.nan
-
-
-def _labelled(name: str, label: str, message: Any) -> Any:
-    """Return the element of an array that a message calls so, NaN where it has none."""
-    flat, labels = getattr(message, name).ravel(), message.name
-    return flat[labels.index(label)] if label in labels and len(flat) == len(labels) else np.nan

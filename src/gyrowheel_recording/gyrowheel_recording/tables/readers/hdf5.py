@@ -235,7 +235,8 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 if kind not in _TEXTS:
                     objects[own] = kind
                 continue
-            if names is not None and not any(n == own or n.startswith(own + joint) for n in names):
+            place = own.rpartition(joint)[0] if attributes.is_frame(node) else own
+            if names is not None and not any(n == own or n.startswith(place + joint) for n in names):
                 continue
             try:
                 fields = _fields(node.dtype)
@@ -251,12 +252,14 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
             require_table(size, str(path))
             values = _physical(node, fields, attributes)
             several = split(own, values.T if joint == "." and values.ndim == 2 else values, joint=joint)
-            columns.extend(_described(several, node, own, joint, attributes, remarks))
+            columns.extend(_described(several, node, f"{place}{joint}", attributes, remarks))
             if len(several) > 1 and (step := attributes.step(node)):
                 steps[f"{own}{joint}time"] = step, range(len(columns) - len(several), len(columns))
     for clock, (step, several_of_it) in steps.items():
         rows = len(columns[several_of_it[0]].values)
-        if any(_ascends(own.values) for own in columns if len(own.values) == rows):
+        if names is not None and clock not in names:
+            continue
+        if names is None and any(_ascends(own.values) for own in columns if len(own.values) == rows):
             continue  # the file has the times themselves
         columns.append(Column(clock, step * np.arange(rows), "s", clock))
         for k in several_of_it:
@@ -282,21 +285,20 @@ def _ascends(values: Any) -> bool:
 
 
 def _described(
-    several: list[Column], node: Any, own: str, joint: str, attributes: _Attributes, remarks: list[str]
+    several: list[Column], node: Any, place: str, attributes: _Attributes, remarks: list[str]
 ) -> Iterator[Column]:
     """Yield the columns of a data set by the names and units that the file states for it."""
     units, labels = attributes.texts(node, _UNITS), attributes.labels(node)
     if len(labels) != len(several):
         labels = []
     if len(units) not in (0, 1, len(several)):
-        remarks.append(f"{own}: {len(units)} units are stated for {len(several)} columns: not used")
+        remarks.append(f"{place[:-1]}: {len(units)} units are stated for {len(several)} columns: not used")
         units = []
-    place = own.rpartition(joint)[0] if labels and attributes.is_frame(node) else own
     for k, column in enumerate(several):
         unit = (
             units[k % len(units)].partition(" since ")[0] if units else ""
         )  # a date stands behind those of times
-        yield replace(column, name=f"{place}{joint}{labels[k]}" if labels else column.name, unit=unit)
+        yield replace(column, name=f"{place}{labels[k]}" if labels else column.name, unit=unit)
 
 
 def _data_sets(file: Any, path: Path) -> Iterator[tuple[str, Any]]:

@@ -267,7 +267,11 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     with library_errors(path):
         require_links(path)
         with _opened(asammdf, path) as file:
-            wanted = list(_wanted(file, names))
+            others = _not_over_time(file)
+            wanted = [own for own in _wanted(file, names) if own.group not in others]
+            remarks += [
+                f"{', '.join(what)}: over {axis}, not over time: left out" for axis, what in others.values()
+            ]
             _require_room(file, wanted, path)
             clocks: set[str] = set()
             for own in wanted:
@@ -380,6 +384,31 @@ def _wanted(file: Any, names: Sequence[str] | None) -> Iterator[_Wanted]:
                 yield _Wanted(g, k, name, clock)
 
 
+#: What the master of a group is, by its type of synchronization; a time without one.
+_AXES: Final = {2: "an angle", 3: "a distance", 4: "an index"}
+#: Seconds in the unit of a clock, where its loggers wrote another one than seconds.
+_SECONDS: Final = {
+    "ms": 1e-3,
+    "us": 1e-6,
+    "\u00b5s": 1e-6,
+    "\u03bcs": 1e-6,
+    "ns": 1e-9,
+    "min": 60.0,
+    "h": 3600.0,
+}
+
+
+def _not_over_time(file: Any) -> dict[int, tuple[str, list[str]]]:
+    """Return the groups whose values are over something else than time: what it is, and their channels."""
+    found = {}
+    for g, group in enumerate(file.groups):
+        number = file.masters_db.get(g)
+        axis = "" if number is None else _AXES.get(getattr(group.channels[number], "sync_type", 1), "")
+        if axis and group.channel_group.cycles_nr:
+            found[g] = axis, [own.name for k, own in enumerate(group.channels) if k != number]
+    return found
+
+
 def _require_room(file: Any, wanted: Sequence[_Wanted], path: Path) -> None:
     """Refuse more values, or larger records, than the memory may hold."""
     used = {own.group for own in wanted}
@@ -394,14 +423,15 @@ def _require_room(file: Any, wanted: Sequence[_Wanted], path: Path) -> None:
 def _times(file: Any, own: _Wanted, path: Path) -> Any:
     """Return the times of a group."""
     number = file.masters_db.get(own.group)
-    where, formula = f"{path}: {own.clock}", ""
+    where, formula, factor = f"{path}: {own.clock}", "", 1.0
     if number is not None:
         group = file.groups[own.group]
         _require_within(group, group.channels[number], where)
-        formula, _ = _formula(group.channels[number], where)
+        formula, unit = _formula(group.channels[number], where)
+        factor = _SECONDS.get(unit.strip(), 1.0)
     times = np.asarray(file.get_master(own.group), dtype=np.float64)
     _require_all(times, file.groups[own.group], where)
-    return evaluate(formula, times, where) if formula else times
+    return factor * (evaluate(formula, times, where) if formula else times)
 
 
 def _require_all(values: Any, group: Any, where: str) -> None:

@@ -6,7 +6,7 @@ import logging
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     nptdms = library("nptdms", "tdms", path)
     nptdms.log.log_manager.set_level(logging.CRITICAL)  # its warnings are reported below
     columns: list[Column] = []
-    clocks: dict[tuple[float, float, int], str] = {}
+    clocks: dict[tuple[Any, ...], str] = {}
     remarks: list[str] = []
     with library_errors(path), nptdms.TdmsFile.open(path) as file:
         _require_scales(file.properties, path)
@@ -40,31 +40,119 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
         require_table(size, str(path))
         if file.file_status.incomplete_final_segment:
             remarks.append("the file breaks off: its last segment is read as far as it goes")
-        starts = [c.properties["wf_start_time"] for c in channels if "wf_start_time" in c.properties]
-        begin = min((np.datetime64(start) for start in starts), default=None)
+        parts = _parts(nptdms, path)
+        starts = [
+            own.start for channel in channels for own in parts.get(channel.path, []) if own.start is not None
+        ]
+        begin = min(starts, default=None)
         for channel in channels:
             values = np.asarray(channel[:])
             if values.dtype.kind not in "biufM":
                 continue
             own, clock = channel.properties, ""
-            if float(own.get("wf_increment", 0.0)) > 0.0:
-                first = float(own.get("wf_start_offset", 0.0))
-                if "wf_start_time" in own and begin is not None:
-                    late = np.timedelta64(np.datetime64(own["wf_start_time"]) - begin, "ns")
-                    first += float(late.astype(np.int64)) * _NS
-                key = (first, float(own["wf_increment"]), len(values))
+            axis = str(own.get("wf_xunit_string", ""))
+            if axis not in _SECONDS:
+                remarks.append(f"{channel.group_name}/{channel.name} is over {axis}, not over time: left out")
+                continue
+            pieces = tuple(part.timed(begin) for part in _joined(parts.get(channel.path, []), begin))
+            if pieces:
+                key = pieces, len(values)
                 if key not in clocks:
                     clock = f"{channel.group_name}/time"
                     taken = list(clocks.values()).count(clock) + sum(c.name == clock for c in columns)
                     clock = clock if not taken else f"{channel.group_name}/{channel.name}/time"
                     clocks[key] = clock
-                    columns.append(Column(clock, first + key[1] * np.arange(len(values)), "s", clock))
+                    columns.append(Column(clock, _times(pieces, len(values)), "s", clock))
                 clock = clocks[key]
             unit = str(own.get("unit_string", own.get("NI_UnitDescription", "")))
             columns.append(Column(f"{channel.group_name}/{channel.name}", values, unit, clock))
     used = {own.clock for own in columns if names is None or own.name in names}
     found = [own for own in columns if names is None or own.name in names or own.name in used]
     return Grid.of(str(path), found, remarks)
+
+
+#: Units of the axis of a waveform over time.
+_SECONDS: Final = ("", "s", "sec", "second", "seconds", "Time", "time")
+_CONTINUES: Final = 1.5  # steps by which a segment may seem to begin early or late, and goes on without a gap
+
+
+class _Part(NamedTuple):
+    """Values of a waveform from one start on, as the segments of a file state it."""
+
+    row: int  # number of the first of them
+    start: Any  # date of the start; None where none is stated
+    offset: float  # time of the first one from the start on, and the time between two [s]
+    step: float
+
+    def timed(self, begin: Any) -> tuple[int, float, float]:
+        """Return row, time of the first value from a date on, and step [s]."""
+        late = (
+            0.0
+            if self.start is None
+            else float((self.start - begin).astype("timedelta64[ns]").astype(np.int64))
+        )
+        return self.row, self.offset + late * _NS, self.step
+
+
+def _parts(nptdms: Any, path: Path) -> dict[str, list[_Part]]:
+    """Return the parts of every waveform: npTDMS keeps what the last segment states, and others may state another."""
+    found: dict[str, list[_Part]] = {}
+
+    class Reader(nptdms.reader.TdmsReader):
+        """Notes what a segment states before its values count."""
+
+        def _update_object_metadata(self, segment: Any) -> None:
+            self.before = {name: own.num_values for name, own in self.object_metadata.items()}
+            super()._update_object_metadata(segment)
+
+        def _update_object_properties(self, stated: Any) -> None:
+            super()._update_object_properties(stated)
+            for name, properties in (stated or {}).items():
+                if not any(key.startswith("wf_") for key, _ in properties):
+                    continue
+                own = self.object_metadata[name].properties
+                step = float(own.get("wf_increment", 0.0))
+                if step > 0.0:
+                    start = own.get("wf_start_time")
+                    if start is not None:
+                        raw = hasattr(start, "as_datetime64")
+                        start = start.as_datetime64("ns") if raw else np.datetime64(start, "ns")
+                    part = _Part(
+                        self.before.get(name, 0), start, float(own.get("wf_start_offset", 0.0)), step
+                    )
+                    several = found.setdefault(name, [])
+                    if not several or several[-1][1:] != part[1:]:
+                        several.append(part)
+
+    reader = Reader(str(path))
+    try:
+        reader.read_metadata()
+    finally:
+        reader.close()
+    return found
+
+
+def _joined(parts: Sequence[_Part], begin: Any) -> list[_Part]:
+    """Return the parts without those that go on where the one before ends."""
+    result: list[_Part] = []
+    for part in parts:
+        if result and part.step == result[-1].step:
+            (row, first, step), (own_row, own_first, _) = result[-1].timed(begin), part.timed(begin)
+            if abs(own_first - first - step * (own_row - row)) < _CONTINUES * step:
+                continue
+        if result and result[-1].row == part.row:
+            result.pop()  # nothing stood between the two
+        result.append(part)
+    return result
+
+
+def _times(parts: Sequence[tuple[int, float, float]], rows: int) -> Any:
+    """Return the times of values [s]."""
+    number = np.arange(rows)
+    result = np.zeros(rows)
+    for row, first, step in parts:
+        result[row:] = first + step * (number[row:] - row)
+    return result
 
 
 def _require_scales(properties: Mapping[str, Any], path: Path) -> None:
