@@ -9,7 +9,7 @@ from typing import Final
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.tables.grid import Grid
-from gyrowheel_recording.tables.readers import arrow, bag, hdf5, matlab, mdf, tdms
+from gyrowheel_recording.tables.readers import arrow, bag, hdf5, lvm, matlab, mdf, tdms
 from gyrowheel_recording.tables.readers import text_table as texts
 from gyrowheel_recording.tables.text import text_of
 
@@ -21,7 +21,7 @@ _HDF5: Final = b"\x89HDF\r\n\x1a\n"
 class Format:
     """A format of tables."""
 
-    name: str  # short name: ``text``, ``parquet``, ``mat``, ``hdf5``, ``tdms``, ``mdf`` or ``bag``
+    name: str  # short name: ``text``, ``parquet``, ``mat``, ``hdf5``, ``tdms``, ``mdf``, ``lvm`` or ``bag``
     title: str  # what it is called
     endings: tuple[str, ...]  # usual endings, by which a file is known that does not show what it is
     begins: Callable[[bytes], bool]  # whether a file that begins with some bytes is of it
@@ -47,6 +47,7 @@ _FORMATS: Final = (
     Format(
         "mdf", "MDF", (".mf4", ".mdf", ".dat"), lambda h: h.startswith((b"MDF     ", b"UnFinMF ")), mdf.read
     ),
+    Format("lvm", "text of LabVIEW", (".lvm",), lambda h: h.startswith(lvm.MAGIC), lvm.read),
     Format(
         "bag",
         "bag of ROS 1 or ROS 2",
