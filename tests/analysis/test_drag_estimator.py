@@ -90,7 +90,7 @@ def test_settled_holds_have_the_same_estimates_alone_as_among_all(run: Run) -> N
     alone = drag_estimates(stamps, Readings(run.measurement), longer.setpoints, Model.new(), settled=True)
     for one, other in zip(alone, (each for each in estimates(longer) if each.settled), strict=True):
         for name, value in vars(one).items():
-            assert np.array_equal(value, getattr(other, name)), name
+            np.testing.assert_allclose(value, getattr(other, name), rtol=1e-9, atol=1e-15, err_msg=name)
 
 
 @pytest.mark.slow

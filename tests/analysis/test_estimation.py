@@ -11,6 +11,8 @@ import gyrowheel as gw
 from gyrowheel.models.estimation import Fit
 from gyrowheel_analysis.fitting.preparation import one_thread
 
+CONTOUR = 5.991465  # quantile of chi-squared, 95 %, two parameters
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> gw.Recording:
@@ -30,13 +32,28 @@ def fit(model: gw.Model, recording: gw.Recording) -> Fit[gw.Model]:
 
 
 def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit[gw.Model]) -> None:
-    cost, size = fit._cost, np.array(list(fit.errors.values()))
-    minuit = Minuit(lambda x: cost(np.asarray(x) * size), fit.values / size, name=fit.names)
+    cost, size = fit.cost, np.array(list(fit.errors.values()))
+
+    def scaled(x: np.ndarray) -> float:
+        return cost(np.asarray(x) * size)
+
+    minuit = Minuit(scaled, fit.values / size, name=fit.names)
     minuit.errordef, minuit.strategy, minuit.tol = Minuit.LEAST_SQUARES, 2, 1e-9
     minuit.migrad()
     minuit.hesse()
     minuit.minos(cl=0.95)
     assert minuit.valid
+    # the profile of each, and the border of a region, in chi-squared
+    for k, name in enumerate(fit.names):
+        at = fit.values[k] / size[k] + np.array([-2.0, 1.0])
+        _, least, _ = minuit.mnprofile(name, bound=tuple(at), size=2)
+        assert least - minuit.fval == pytest.approx(fit.along(name, at * size[k]), abs=1e-6)
+    for pair in zip(*fit.contour(*fit.names[:2], points=2), strict=True):
+        held = Minuit(scaled, np.asarray(minuit.values), name=fit.names)
+        held.errordef, held.strategy, held.tol = Minuit.LEAST_SQUARES, 2, 1e-9
+        for name, value, unit in zip(fit.names, pair, size, strict=False):
+            held.values[name], held.fixed[name] = value / unit, True
+        assert held.migrad().fval - minuit.fval == pytest.approx(CONTOUR, abs=1e-6)
     # in standard errors
     assert np.asarray(minuit.values) == pytest.approx(fit.values / size, abs=1e-4)
     assert minuit.fval == pytest.approx(fit.chi2, abs=1e-6)
@@ -54,7 +71,7 @@ def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit[gw.Model]) -> Non
 def test_covariance_does_not_depend_on_the_step_of_its_differences(fit: Fit[gw.Model]) -> None:
     size = np.array(list(fit.errors.values()))
     with one_thread():
-        other = np.linalg.inv(fit._cost.hessian(fit.values, 0.05 * size) * np.outer(size, size))
+        other = np.linalg.inv(fit.cost.hessian(fit.values, 0.05 * size) * np.outer(size, size))
     assert other == pytest.approx(fit.covariance.values / np.outer(size, size), abs=1e-5)
 
 
@@ -62,7 +79,7 @@ def test_profile_and_contour_lie_where_chi_squared_rises_by_the_quantile(fit: Fi
     low, high = fit.interval("windage.n")
     assert fit.along("windage.n", [low, high]) == pytest.approx([3.8415, 3.8415], abs=1e-3)
     x, y = fit.contour("windage.w", "windage.n", points=4)
-    cost = fit._cost
+    cost = fit.cost
     with one_thread():
         for pair in zip(x, y, strict=True):
             held = dict(zip((0, 1), pair, strict=True))
@@ -72,7 +89,7 @@ def test_profile_and_contour_lie_where_chi_squared_rises_by_the_quantile(fit: Fi
 
 def test_linear_problem_has_the_covariance_of_scipy(model: gw.Model, recording: gw.Recording) -> None:
     fit = model.fit(recording, free="windage.w")
-    cost, count = fit._cost, fit.rows
+    cost, count = fit.cost, fit.rows
     found, covariance = curve_fit(
         lambda _, w: -cost.white(np.array([w])), np.arange(count), np.zeros(count), [1.1 * fit.values[0]],
         absolute_sigma=True, xtol=1e-12, ftol=1e-12,

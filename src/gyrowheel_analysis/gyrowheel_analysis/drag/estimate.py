@@ -17,6 +17,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.quality import NEEDED
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import LONGEST, SETTLING, SPEED_CHANGE, SPIN_SETTLING
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.plans.plan import HOLD, SETPOINT_DTYPE
 from gyrowheel_core import wire
 from gyrowheel_core.readings import Readings
@@ -31,6 +32,7 @@ _NOTCH_SETTLING = 0.15  # s
 _UPDATE, _SELDOM = 0.5, 5.0  # s between two estimates of one hold, at its beginning and in the long run
 _SHARE = 0.1  # of a hold's length that is new in the next estimate
 _BATCH, _FEWEST = 0.1, 4  # s, and the number of them from which the noise of a mean is estimated
+_MOST_PARTS = 64  # of a hold that are kept one by one
 _UPRIGHT = 0.05 * DEG  # a hold tilted less is at zero tilt
 _NOISY = ("coil_voltage", "coil_voltage", "motor_voltage", "motor_current")
 _CONSTANTS = ("coil_constant", "coil_constant", "motor_constant")
@@ -191,13 +193,21 @@ class _Batches:
 
 
 @dataclass
+class _Part:
+    """Windows of a hold, and their prediction once it was made."""
+
+    windows: Windows
+    simulated: HoldPrediction | None = None
+
+
+@dataclass
 class _Hold:
     """The current hold: sums over all of it, and the samples whose windows are not final yet."""
 
     setpoint: _Setpoint
     start: float  # s, when the motion has settled
     due: float  # s, when the next estimate is due
-    simulated: HoldPrediction  # of the dropped samples
+    parts: list[_Part]  # of the dropped samples
     environment: Sequence[Environment]
     batches: _Batches
     first: float = math.nan
@@ -221,18 +231,45 @@ class _Hold:
         self.batches.add(filtered)
 
 
-class _Settled(NamedTuple):
-    """A settled hold as a reference of later ones."""
+@dataclass
+class _Mean:
+    """The mean readings over a hold until now, and its windows; a settled one is a reference of later ones."""
 
     setpoint: _Setpoint
-    time: float  # s, of its middle
-    dc: Array
-    noise: Array  # standard errors without drift [V]
-    simulated: Array  # V
+    settled: bool
+    first: float  # s, of the averaged stretch
+    last: float
+    average: Array  # of the filtered readings
+    spin: float
+    noise: Array  # standard errors of coil voltages, motor voltage and current, without drift
+    parts: tuple[_Part, ...]
+    simulated: HoldPrediction | None = None
 
     @property
     def upright(self) -> bool:
         return _upright(self.setpoint)
+
+    @property
+    def dc(self) -> Array:
+        return self.average[_DC]
+
+    @property
+    def time(self) -> float:
+        """Time of its middle [s]."""
+        return 0.5 * (self.first + self.last)
+
+    @property
+    def voltage(self) -> Array:
+        """The predicted mean voltages [V]."""
+        assert self.simulated is not None
+        return self.simulated.voltage / self.simulated.length
+
+
+class Draft(NamedTuple):
+    """An estimate before its prediction, and the hold from which its increments are taken."""
+
+    own: _Mean
+    reference: _Mean
 
 
 def _upright(setpoint: _Setpoint) -> bool:
@@ -267,9 +304,9 @@ class DragEstimator:
         self._white = np.array([v(f"{name}_noise") for name in _NOISY])
         self._constants = np.array([v(name) for name in _CONSTANTS])
         self._calibrated = all(name in learned for name in _CONSTANTS)
-        self._first: _Settled | None = None
+        self._first: _Mean | None = None
         # the last settled hold at zero tilt of each speed, in the order of time: older ones are never references
-        self._last_upright: dict[float, _Settled] = {}
+        self._last_upright: dict[float, _Mean] = {}
         self._environment: list[Environment] = []
 
     @property
@@ -298,18 +335,26 @@ class DragEstimator:
 
         A sample without one of the readings `NEEDED` (not finite) counts as lost.
         """
+        return self.completed(self.drafts(stamps_ns, readings))
+
+    def finish(self) -> list[Estimate]:
+        """Return the estimate of the current hold, at the end of a test."""
+        return self.completed(self.last_drafts())
+
+    def drafts(self, stamps_ns: NDArray[np.int64], readings: Readings) -> list[Draft]:
+        """Take samples as `add_block` does, and return the drafts of the estimates, for `completed`."""
         whole = readings.whole(NEEDED)
         if not whole.all():  # a filter never recovers from NaN
             stamps_ns, readings = stamps_ns[whole], readings[whole]
         filtered = np.empty((len(readings), len(COLUMNS)))
         notch(readings.array, COLUMNS, readings.spin_rate, self._period, RADIUS, self._state, filtered)
-        estimates: list[Estimate] = []
+        drafts: list[Draft] = []
         at = 0
         while at < len(stamps_ns):
             # a setpoint that begins within the block splits it
             stop = len(stamps_ns)
             if self._setpoints and self._setpoints[0].stamp_ns <= stamps_ns[at]:
-                estimates += self._take(self._setpoints.popleft())
+                drafts += self._take(self._setpoints.popleft())
                 continue
             if self._setpoints:
                 stop = min(stop, int(np.searchsorted(stamps_ns, self._setpoints[0].stamp_ns)))
@@ -324,110 +369,137 @@ class DragEstimator:
                         if self._settled:
                             self._shorten(self._hold)
                         else:
-                            estimates += self._estimate(self._hold, settled=False)
+                            drafts += self._draft(self._hold, settled=False)
             at = stop
-        return estimates
+        return drafts
 
-    def finish(self) -> list[Estimate]:
-        """Return the estimate of the current hold, at the end of a test."""
+    def last_drafts(self) -> list[Draft]:
+        """Return the draft of the current hold, at the end of a test."""
         hold, self._hold = self._hold, None
-        return [] if hold is None else self._estimate(hold, settled=True)
+        return [] if hold is None else self._draft(hold, settled=True)
 
-    def _take(self, setpoint: _Setpoint) -> list[Estimate]:
+    def completed(self, drafts: Sequence[Draft]) -> list[Estimate]:
+        """Return the estimates of drafts, in their order; one prediction serves all of them."""
+        self._predict([part for draft in drafts for part in draft.own.parts])
+        return [self._estimate(*draft) for draft in drafts]
+
+    def _predict(self, parts: Sequence[_Part]) -> None:
+        """Predict those of some parts that have no prediction yet."""
+        new = list({id(part): part for part in parts if part.simulated is None}.values())
+        for part, simulated in zip(new, self._predictor.of([part.windows for part in new]), strict=True):
+            part.simulated = simulated
+
+    def _take(self, setpoint: _Setpoint) -> list[Draft]:
         hold, spin = setpoint.phase == HOLD, float(setpoint.spin_rate)
         if self._hold is not None and hold and setpoint.segment == self._hold.setpoint.segment:
             return []
-        estimates = self.finish()
+        drafts = self.last_drafts()
         turning = math.hypot(setpoint.tilt_rate_x, setpoint.tilt_rate_y)
         if hold and turning < 0.1 * DEG and abs(setpoint.spin_acceleration) < 0.5:
             changed = self._spin_before is not None and abs(spin - self._spin_before) > SPEED_CHANGE
             start = setpoint.stamp_ns * 1e-9 + (SPIN_SETTLING if changed else SETTLING)
-            nothing = self._predictor.nothing()
             batches = _Batches(self._batch)
-            self._hold = _Hold(setpoint, start, start + _UPDATE, nothing, self._environment, batches)
+            self._hold = _Hold(setpoint, start, start + _UPDATE, [], self._environment, batches)
         if hold:
             self._spin_before = spin
-        return estimates
+        return drafts
 
     def _shorten(self, hold: _Hold) -> None:
         """Reduce the old samples of a hold once and drop them, so that work and memory do not grow with the hold."""
         time, readings = np.concatenate(hold.times), np.vstack(hold.readings)
         while time[-1] - time[0] >= LONGEST + _UPDATE:
             cut = int(np.searchsorted(time, time[0] + LONGEST))
-            hold.simulated += self._predicted(hold, time[:cut], readings[:cut])
+            hold.parts.append(self._reduced(hold, time[:cut], readings[:cut]))
             time, readings = time[cut:], readings[cut:]
         hold.times, hold.readings = [time], [readings]
+        if len(hold.parts) > _MOST_PARTS:
+            self._predict(hold.parts)
+            total = self._predictor.total(part.simulated for part in hold.parts)
+            hold.parts = [_Part(hold.parts[-1].windows, total)]
 
-    def _predicted(self, hold: _Hold, time: Array, readings: Array) -> HoldPrediction:
-        """Return the prediction of the model for some samples of a hold."""
+    def _reduced(self, hold: _Hold, time: Array, readings: Array) -> _Part:
+        """Return the windows of some samples of a hold."""
         # the reduction cuts off the settling itself, so it gets the original start of the hold
         setpoint = np.array([hold.setpoint] * 2, dtype=SETPOINT_DTYPE)
         start = np.array([time[0] - SETTLING, time[-1]])
-        return self._predictor.of(Samples(time, Readings(readings), start, setpoint, hold.environment))
+        samples = Samples(time, Readings(readings), start, setpoint, hold.environment)
+        return _Part(self._predictor.windows(samples))
 
-    def _estimate(self, hold: _Hold, *, settled: bool) -> list[Estimate]:
+    def _draft(self, hold: _Hold, *, settled: bool) -> list[Draft]:
         if not hold.count or hold.last - hold.first < _NOTCH_SETTLING:
             return []
         self._shorten(hold)
-        simulated = hold.simulated + self._predicted(hold, hold.times[0], hold.readings[0])
-        if simulated.length <= 0.0:
+        parts = *hold.parts, self._reduced(hold, hold.times[0], hold.readings[0])
+        if not any(len(part.windows) for part in parts):
             return []
-        torque, air, errors, voltage = (
-            total / simulated.length
-            for total in (simulated.torque, simulated.air, simulated.errors, simulated.voltage)
+        scatter = hold.batches.errors()
+        own = _Mean(
+            setpoint=hold.setpoint,
+            settled=settled,
+            first=hold.first,
+            last=hold.last,
+            average=hold.filtered / hold.count,
+            spin=hold.spin / hold.count,
+            noise=self._white / math.sqrt(hold.count) if scatter is None else scatter[_ACTUATION],
+            parts=parts,
+        )
+        reference = self._reference(own)
+        if settled:
+            self._keep(own)
+        return [Draft(own, reference)]
+
+    def _estimate(self, own: _Mean, reference: _Mean) -> Estimate:
+        """Return the estimate of a draft whose parts are predicted."""
+        simulated = own.simulated = self._predictor.total(part.simulated for part in own.parts)
+        own.parts = ()
+        torque, air, errors = (
+            total / simulated.length for total in (simulated.torque, simulated.air, simulated.errors)
         )
         uncertain = np.sqrt(np.sum(simulated.changes**2, axis=0)) / simulated.length
-        average, count = hold.filtered / hold.count, hold.count
-        scatter = hold.batches.errors()
-        noise = self._white / math.sqrt(count) if scatter is None else scatter[_ACTUATION]
-        std = np.hypot(noise, self._drift)  # averaging over a hold does not remove the drift
-        dc, tilt, current = average[_DC], average[_TILT], float(average[_CURRENT])
-        own = _Settled(hold.setpoint, 0.5 * (hold.first + hold.last), dc, noise[:3], voltage)
-        reference = self._reference(own)
+        std = np.hypot(own.noise, self._drift)  # averaging over a hold does not remove the drift
+        current = float(own.average[_CURRENT])
         increment_std = np.zeros(3)
         if reference is not own:
             # drift between the two holds
             change = -2.0 * math.expm1(-(own.time - reference.time) / self._bench.value("drift_time"))
-            increment_std = np.sqrt(own.noise**2 + reference.noise**2 + change * self._drift[:3] ** 2)
-        if settled:
-            self._keep(own)
-        read = np.array([dc[0], dc[1], current])
-        measured = self._constants * read - errors
-        return [
-            Estimate(
-                stamp_ns=round(hold.last * 1e9),
-                segment=int(hold.setpoint.segment),
-                settled=settled,
-                duration=hold.last - hold.first,
-                tilt_x=float(tilt[0]),
-                tilt_y=float(tilt[1]),
-                spin_rate=hold.spin / count,
-                dc_voltage=dc,
-                dc_voltage_std=std[:3],
-                motor_current=current,
-                motor_current_std=float(std[3]),
-                reference_segment=int(reference.setpoint.segment),
-                voltage_increment=dc - reference.dc,
-                voltage_increment_std=increment_std,
-                simulated_voltage_increment=voltage - reference.simulated,
-                calibrated=self._calibrated,
-                measured_torque=measured,
-                measured_torque_std=self._constants * std[[0, 1, 3]],
-                constants_std=uncertain,
-                simulated_torque=torque,
-                simulated_air_torque=air,
-                residual=measured - torque,
+            increment_std = np.sqrt(
+                own.noise[:3] ** 2 + reference.noise[:3] ** 2 + change * self._drift[:3] ** 2
             )
-        ]
+        read = np.array([*own.dc[:2], current])
+        measured = self._constants * read - errors
+        return Estimate(
+            stamp_ns=round(own.last * 1e9),
+            segment=int(own.setpoint.segment),
+            settled=own.settled,
+            duration=own.last - own.first,
+            tilt_x=float(own.average[_TILT][0]),
+            tilt_y=float(own.average[_TILT][1]),
+            spin_rate=own.spin,
+            dc_voltage=own.dc,
+            dc_voltage_std=std[:3],
+            motor_current=current,
+            motor_current_std=float(std[3]),
+            reference_segment=int(reference.setpoint.segment),
+            voltage_increment=own.dc - reference.dc,
+            voltage_increment_std=increment_std,
+            simulated_voltage_increment=own.voltage - reference.voltage,
+            calibrated=self._calibrated,
+            measured_torque=measured,
+            measured_torque_std=self._constants * std[[0, 1, 3]],
+            constants_std=uncertain,
+            simulated_torque=torque,
+            simulated_air_torque=air,
+            residual=measured - torque,
+        )
 
-    def _keep(self, own: _Settled) -> None:
+    def _keep(self, own: _Mean) -> None:
         """Keep a settled hold as a possible reference of later ones."""
         self._first = self._first or own
         if own.upright:
             self._last_upright.pop(own.setpoint.spin_rate, None)
             self._last_upright[own.setpoint.spin_rate] = own
 
-    def _reference(self, own: _Settled) -> _Settled:
+    def _reference(self, own: _Mean) -> _Mean:
         """Return the hold from which the increments of a hold are taken."""
         speed = own.setpoint.spin_rate
         for earlier in reversed(self._last_upright.values()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import reduce
-from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_analysis.reduction.windows import Windows, concatenate
 from gyrowheel_analysis.torques import effect_parts
 from gyrowheel_sim.bench import Bench
 
@@ -76,16 +77,23 @@ class Predictor:
         self._static = tuple(_STATIC_ERRORS if self._effects else ())
         self._count = self._unknowns.count + len(self._static)
 
-    def nothing(self) -> HoldPrediction:
-        """Return the prediction of no window."""
+    def total(self, parts: Iterable[HoldPrediction | None]) -> HoldPrediction:
+        """Return the sum of some predictions; None counts as that of no window."""
         none = np.zeros(3)
-        return HoldPrediction(0.0, none, none, none, none, np.zeros((self._count, 3)))
+        result = HoldPrediction(0.0, none, none, none, none, np.zeros((self._count, 3)))
+        for part in parts:
+            result = result if part is None else result + part
+        return result
 
-    def of(self, samples: Samples) -> HoldPrediction:
-        """Return the prediction for some samples of a hold."""
-        windows = reduce(samples, self._bench)
+    def windows(self, samples: Samples) -> Windows:
+        """Return the windows of some samples of a hold."""
+        return reduce(samples, self._bench)
+
+    def of(self, parts: Sequence[Windows]) -> list[HoldPrediction]:
+        """Return the prediction for each of some sets of windows; for all of them it costs little more than for one."""
+        windows = concatenate(parts) if parts else Windows.of([])
         if not len(windows):
-            return self.nothing()
+            return [self.total(()) for _ in parts]
         balance, values = self._balance(windows), self._bench.values()
         prediction = Prediction([balance], self._unknowns)
         rows = prediction.rows(self._stated)
@@ -99,16 +107,25 @@ class Predictor:
         columns = [self._with_error(windows, name) - rows for name in self._static]
         if self._unknowns.count:
             columns += list(prediction.nuisance_jacobian(self._stated, rows).T)
-        changes = [self._torques(balance, column) @ windows.duration for column in columns]
-        motor_voltage = rows[balance.row("motor_voltage")]
-        return HoldPrediction(
-            length=float(windows.duration.sum()),
-            torque=np.array([coil.real, coil.imag, motor]) @ windows.duration,
-            air=air @ windows.duration,
-            errors=np.array([x - coil.real, y - coil.imag, spin - motor]) @ windows.duration,
-            voltage=np.array([x / constant, y / constant, motor_voltage]) @ windows.duration,
-            changes=np.array(changes).reshape(-1, 3),
-        )
+        changes = np.array([self._torques(balance, column) for column in columns])
+        torque = np.array([coil.real, coil.imag, motor])
+        errors = np.array([x - coil.real, y - coil.imag, spin - motor])
+        voltage = np.array([x / constant, y / constant, rows[balance.row("motor_voltage")]])
+        edges = np.cumsum([0, *map(len, parts)])
+        found = []
+        for own in map(slice, edges[:-1], edges[1:]):
+            time = windows.duration[own]
+            found.append(
+                HoldPrediction(
+                    length=float(time.sum()),
+                    torque=torque[:, own] @ time,
+                    air=air[:, own] @ time,
+                    errors=errors[:, own] @ time,
+                    voltage=voltage[:, own] @ time,
+                    changes=changes.reshape(-1, 3, len(windows))[:, :, own] @ time,
+                )
+            )
+        return found
 
     def _balance(self, windows: Windows) -> Balance:
         return Balance(windows, self._bench, clean=False, harmonics=False)

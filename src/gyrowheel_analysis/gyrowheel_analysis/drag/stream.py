@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.drag.estimate import DragEstimator, Estimate
+from gyrowheel_analysis.drag.estimate import Draft, DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import SETTLING, SPEED_CHANGE, SPIN_SETTLING, steady_spans
@@ -25,6 +25,8 @@ from gyrowheel_sim.environment import Environment
 
 #: Samples that are passed on together: estimates are rare, and a block costs little more than a sample.
 BLOCK: Final = 100
+#: Estimates of a finished run that one prediction serves.
+TOGETHER: Final = 256
 #: Most samples that wait for the setpoint after them: beyond it none is expected.
 PATIENCE: Final = 2000
 _SETPOINT_PERIOD_NS: Final = round(SETPOINT_PERIOD * 1e9)
@@ -84,6 +86,7 @@ def drag_estimates(
     """
     estimator = DragEstimator(model, period, settled=settled)
     estimator.set_environment(environment)
+    waiting: list[Draft] = []
     asked = setpoints[["stamp_ns", "segment", "phase", *wire.SETPOINT.fields]]
     passed = 0
     for start in range(0, len(stamps_ns), BLOCK):
@@ -93,8 +96,11 @@ def drag_estimates(
         for stamp, segment, phase, *values in asked[passed : passed + begun].tolist():
             estimator.setpoint(stamp, segment, phase, values)
         passed += begun
-        yield from estimator.add_block(stamps_ns[block], readings[block])
-    yield from estimator.finish()
+        waiting += estimator.drafts(stamps_ns[block], readings[block])
+        if len(waiting) >= TOGETHER:
+            yield from estimator.completed(waiting)
+            waiting.clear()
+    yield from estimator.completed([*waiting, *estimator.last_drafts()])
 
 
 def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:

@@ -259,7 +259,7 @@ def _estimation(
         loss=cost.loss,
         recordings=tuple(str(r.path) for r in recordings),
         fitted=_changed(model, recordings, problem, parameters),
-        _cost=cost,
+        cost=cost,
         _prepared=prepared,
     )
 

@@ -125,6 +125,8 @@ class Estimation:
         Their paths.
     fitted : Model
         The model with the estimates, and an entry in its history.
+    cost : Cost
+        Chi-squared as a function of `values`, for a minimiser of another library; ``cost.residuals`` are its parts.
     """
 
     parameters: dict[str, Parameter]
@@ -139,7 +141,7 @@ class Estimation:
     loss: str
     recordings: tuple[str, ...]
     fitted: Model
-    _cost: Cost = field(repr=False)
+    cost: Cost = field(repr=False)
     _prepared: Prepared = field(repr=False)
 
     @property
@@ -177,7 +179,7 @@ class Estimation:
         InputError
             If the rows or their noise differ.
         """
-        own, its = self._cost.problem, other._cost.problem
+        own, its = self.cost.problem, other.cost.problem
         same = self.recordings == other.recordings and self.rows == other.rows
         if not same or not math.isclose(log_determinant(own.noise), log_determinant(its.noise), abs_tol=1e-6):
             raise InputError(
@@ -243,7 +245,7 @@ class Estimation:
         """
         k, error = self.free(name), self.parameters[name].standard_error
         best, root = self.parameters[name].value, math.sqrt(chi2_distribution.ppf(level, 1))
-        low, high = self._cost.bounds[:, k]
+        low, high = self.cost.bounds[:, k]
         ends = []
         with one_thread():
             for side, bound in ((-1.0, low), (1.0, high)):
@@ -259,9 +261,9 @@ class Estimation:
 
     def _root_of_rise(self, held: Sequence[int], start: Array) -> float:
         """Return the root of the rise of the cost where some parameters are held, the others at their best."""
-        inside = np.clip(start, *self._cost.bounds)
-        found = self._cost.minimum(inside, self._steps, {k: inside[k] for k in held}, ROUGH)
-        return math.sqrt(max(self._cost(found.values) - self._least, 0.0))
+        inside = np.clip(start, *self.cost.bounds)
+        found = self.cost.minimum(inside, self._steps, {k: inside[k] for k in held}, ROUGH)
+        return math.sqrt(max(self.cost(found.values) - self._least, 0.0))
 
     def contour(self, first: str, second: str, level: float = 0.95, points: int = 24) -> tuple[Array, Array]:
         """Return the region of two parameters at a level of confidence: its border, by the rise of the cost.
@@ -285,14 +287,14 @@ class Estimation:
                     return self._root_of_rise(pair, self.values + radius * step) - root
 
                 radius = _where_zero(excess, root, _REACH)
-                border.append(np.clip(self.values + radius * step, *self._cost.bounds)[pair])
+                border.append(np.clip(self.values + radius * step, *self.cost.bounds)[pair])
         return np.array(border).T[0], np.array(border).T[1]
 
     def sample(self, count: int, seed: int = 0) -> dict[str, Array]:
         """Return draws (count,) of every free parameter from the normal posterior, cut at the bounds [SI]."""
         random = np.random.default_rng(seed)
         drawn = random.multivariate_normal(self.values, self.covariance.values, count, method="eigh")
-        drawn = np.clip(drawn, *self._cost.bounds)
+        drawn = np.clip(drawn, *self.cost.bounds)
         return {name: drawn[:, k] for k, name in enumerate(self.names)}
 
     def correlations(self, first: str, second: str, lags: int = 20) -> tuple[Array, Array, float]:
@@ -312,7 +314,7 @@ class Estimation:
         band : float
             95 % of white noise lie within plus and minus this.
         """
-        problem, white = self._cost.problem, self._cost.white(self.values)
+        problem, white = self.cost.problem, self.cost.white(self.values)
         rows = {row for own in channels_of(problem.balances) for row in LISTED[own].rows}
         for name in (first, second):
             if name not in rows:
@@ -339,13 +341,13 @@ class Estimation:
         Columns: recording, time [s], spin_rate [rad/s], tilt_x, tilt_y [rad], channel, row, unit; measured, predicted,
         residual, noise, prediction_error [unit]; whitened and leverage [1].
         """
-        problem = self._cost.problem
+        problem = self.cost.problem
         with one_thread():
-            predicted = problem.predict(self._cost.point(self.values))
-            white = self._cost.white(self.values)
-            jacobian = self._cost.jacobian(self.values, self._steps)[: len(white)]
-            plain = self._cost.slopes(
-                lambda x: problem.predict(self._cost.point(x)),
+            predicted = problem.predict(self.cost.point(self.values))
+            white = self.cost.white(self.values)
+            jacobian = self.cost.jacobian(self.values, self._steps)[: len(white)]
+            plain = self.cost.slopes(
+                lambda x: problem.predict(self.cost.point(x)),
                 self.values,
                 self._steps,
                 range(len(self.names)),
@@ -384,7 +386,7 @@ class Estimation:
 
     @property
     def _least(self) -> float:
-        return self._cost(self.values)
+        return self.cost(self.values)
 
     @property
     def _steps(self) -> Array:
