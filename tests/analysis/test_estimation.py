@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from iminuit import Minuit
@@ -34,7 +36,7 @@ def fit(model: gw.Model, recording: gw.Recording) -> Fit[gw.Model]:
 def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit[gw.Model]) -> None:
     cost, size = fit.cost, np.array(list(fit.errors.values()))
 
-    def scaled(x: np.ndarray) -> float:
+    def scaled(x: Sequence[float]) -> float:
         return cost(np.asarray(x) * size)
 
     minuit = Minuit(scaled, fit.values / size, name=fit.names)
@@ -48,7 +50,7 @@ def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit[gw.Model]) -> Non
         at = fit.values[k] / size[k] + np.array([-2.0, 1.0])
         _, least, _ = minuit.mnprofile(name, bound=tuple(at), size=2)
         assert least - minuit.fval == pytest.approx(fit.along(name, at * size[k]), abs=1e-6)
-    for pair in zip(*fit.contour(*fit.names[:2], points=2), strict=True):
+    for pair in zip(*fit.contour(fit.names[0], fit.names[1], points=2), strict=True):
         held = Minuit(scaled, np.asarray(minuit.values), name=fit.names)
         held.errordef, held.strategy, held.tol = Minuit.LEAST_SQUARES, 2, 1e-9
         for name, value, unit in zip(fit.names, pair, size, strict=False):
