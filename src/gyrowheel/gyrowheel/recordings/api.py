@@ -277,6 +277,8 @@ def correct(
     scale: Mapping[str, float] | None = None,
     offset: Mapping[str, float] | None = None,
     shift: Mapping[str, float] | None = None,
+    without: Sequence[str] = (),
+    every: int = 1,
     folder: str | Path | None = None,
 ) -> Recording:
     """Return a copy of a recording with corrected readings.
@@ -291,6 +293,10 @@ def correct(
         Readings to multiply, then to increase [SI].
     shift : mapping, optional
         Readings to move to later times [s]; samples without a shifted reading are dropped.
+    without : sequence of str
+        Readings to leave out, as if they had not been measured.
+    every : int
+        Of so many samples one is kept: that in which a reading that is held so long is new.
     folder : str or Path, optional
         New directory to keep it in; a temporary one that is removed with the recording if not given.
 
@@ -306,7 +312,9 @@ def correct(
     if folder is not None:
         require_new(Path(folder))
     given = recording if isinstance(recording, Recording) else Recording.open(recording)
-    cure = Fix(tuple(exchange), dict(scale or {}), dict(offset or {}), dict(shift or {}))
+    cure = Fix(
+        tuple(exchange), dict(scale or {}), dict(offset or {}), dict(shift or {}), tuple(without), every
+    )
 
     def write(place: Path) -> None:
         with new_directory(place) as new:

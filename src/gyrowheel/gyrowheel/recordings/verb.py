@@ -55,6 +55,12 @@ def correct(
     shift: Annotated[
         list[str] | None, option("--shift NAME=SECONDS", "Move a reading to later times. Repeatable.")
     ] = None,
+    without: Annotated[
+        list[str] | None, option("--without NAME", "Leave a reading out, as not measured. Repeatable.")
+    ] = None,
+    every: Annotated[
+        int, option("--every N", "Of N samples keep the one in which a reading that is held so long is new.")
+    ] = 1,
     json: Json = None,
 ) -> None:
     """Write a copy of a recording with corrected readings: axes, signs, units, times.
@@ -71,6 +77,8 @@ def correct(
             scale=_values(scale, "--scale"),
             offset=_values(offset, "--offset"),
             shift=_values(shift, "--shift"),
+            without=without or (),
+            every=every,
             folder=output,
         )
     put_content(

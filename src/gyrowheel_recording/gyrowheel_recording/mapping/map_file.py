@@ -19,6 +19,7 @@ from gyrowheel_core.schema import Name, Number, Section, Text, Whole, check, ref
 from gyrowheel_core.units import DEG, conversion
 from gyrowheel_core.yaml_text import read_yaml
 from gyrowheel_recording.bags import Origin
+from gyrowheel_recording.bags.reader import LONGEST, SHORTEST
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import LONGEST_NAME, AirDensityRatio, Environment, Preheat, Rig, TableRate, Yaw
 
@@ -78,6 +79,8 @@ REFUSE: Final = "refuse"
 KEEP: Final = "keep"
 #: Unit of a running count of pulses.
 COUNT: Final = "count"
+#: Most rows over which a reading is held.
+MOST_HELD: Final = 1000
 #: Most pulses a turn; what has more is read as an angle.
 MOST_PULSES: Final = 10_000
 
@@ -111,6 +114,10 @@ class Source(Section):
         Of pulses: the level whose crossing is an edge; the middle between high and low where it is not a number.
     edge_angle_deg : float
         Of pulses: the angle at an edge [deg].
+    plus, plus_unit : str
+        Of the time: a column that is added to it, and its unit; seconds and nanoseconds may stand in two columns.
+    wraps : float
+        Of the time: the value at which its counter begins anew, in its unit; 0 where it goes on.
     """
 
     column: Text = ""
@@ -125,6 +132,9 @@ class Source(Section):
     pulses: Annotated[Whole, Field(ge=0, le=MOST_PULSES)] = 0
     level: Number = math.nan
     edge_angle_deg: Annotated[Number, Field(ge=-360.0, le=360.0)] = 0.0
+    plus: Text = ""
+    plus_unit: Text = ""
+    wraps: Annotated[Number, Field(ge=0.0)] = 0.0
 
     @model_validator(mode="after")
     def _column_or_value(self) -> Source:
@@ -139,6 +149,8 @@ class Source(Section):
             refuse(
                 "level and edge_angle_deg belong to pulses; allowed: with `pulses:`, how many there are a turn"
             )
+        if bool(self.plus) != bool(self.plus_unit):
+            refuse("plus and plus_unit belong together; allowed: both, or none")
         if self.scale == 0.0:
             refuse("0 is out of range; allowed: any other number", "scale")
         return self
@@ -155,6 +167,15 @@ def is_time(unit: str) -> bool:
 
 def _fitting(source: Source, reading: Reading) -> Source:
     """Refuse a source that cannot be that of a field: no column, or a unit of another kind."""
+    if reading.unit != "s":
+        for name in ("plus", "wraps"):
+            if getattr(source, name):
+                refuse("is for the time", name)
+    elif source.plus:
+        try:
+            conversion(source.plus_unit, "s")
+        except InputError as error:
+            refuse(str(error), "plus_unit")
     if not source.column and not reading.constant:
         refuse("a constant is not allowed here; allowed: a column", "value")
     if not reading.unit:
@@ -298,7 +319,9 @@ class MapFile(Section):
 
     schema_: Literal[1] = Field(alias="schema")
     bench: Text = "gyrowheel"
-    time: Annotated[Source, _fit(Reading("s", -math.inf, math.inf))]
+    time: Annotated[Source, _fit(Reading("s", -math.inf, math.inf))] | None = None
+    rate: Annotated[Number, Field(ge=1.0 / LONGEST, le=1.0 / SHORTEST)] | None = None
+    every: Annotated[Whole, Field(ge=1, le=MOST_HELD)] = 1
     sequence: Annotated[Source, _fit(Reading("", 0, 2**53))] | None = None
     missing: Literal["refuse", "keep"] = REFUSE
     columns: dict[str, Any]
@@ -308,6 +331,14 @@ class MapFile(Section):
     csv: CsvSettings | None = None
     clocks: dict[Name, Number] = Field(default_factory=dict)
     readings: dict[Name, ReadingEntry] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _time_or_rate(self) -> MapFile:
+        if (self.time is None) == (self.rate is None):
+            refuse(
+                "either time or rate must be given: a column of times, or how many rows there are a second"
+            )
+        return self
 
     @field_validator("readings")
     @classmethod
@@ -326,7 +357,7 @@ class ColumnMap:
 
     origin: str  # the file, for errors
     bench: Bench  # the bench that the table was measured on
-    time: Source  # time of the samples
+    time: Source  # time of the samples; without a column where they are even by their rate
     sequence: Source | None  # numbers of the samples, where some are missing
     keep_missing: bool  # whether a reading that is missing is kept as such; an error if not
     #: Sources of the fields of the messages; the last two may be empty.
@@ -338,6 +369,8 @@ class ColumnMap:
     clocks: dict[str, float]  # what is added to the times of further clocks [s]
     #: Origins of readings that no instrument took, in an exported table.
     readings: dict[str, Origin]
+    rate: float = 0.0  # rows a second, where there is no column of times [1/s]
+    every: int = 1  # of so many rows one is taken: that in which a held reading is new
 
     @classmethod
     def load(cls, file: str | Path) -> ColumnMap:
@@ -358,7 +391,9 @@ class ColumnMap:
         return cls(
             origin=origin,
             bench=Bench.load(content.bench),
-            time=content.time,
+            time=content.time or Source(value=0.0, unit="s"),
+            rate=content.rate or 0.0,
+            every=content.every,
             sequence=content.sequence,
             keep_missing=content.missing == KEEP,
             columns=read_group("columns", content.columns, origin),
@@ -383,5 +418,7 @@ class ColumnMap:
         """Names of the columns that are needed, each once."""
         sources = self.sources
         return list(
-            dict.fromkeys(name for source in sources for name in (source.column, source.clock) if name)
+            dict.fromkeys(
+                name for source in sources for name in (source.column, source.clock, source.plus) if name
+            )
         )

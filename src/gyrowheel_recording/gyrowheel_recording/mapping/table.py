@@ -25,6 +25,8 @@ from gyrowheel_recording.mapping.map_file import (
 )
 from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
 from gyrowheel_recording.mapping.table_file import read_columns
+from gyrowheel_recording.mislabelled import new_rows
+from gyrowheel_recording.mislabelled.blocks import NAMES
 from gyrowheel_recording.tables import Column, Grid
 
 Array = NDArray[np.float64]
@@ -66,16 +68,20 @@ class Table:
             if name and name not in self._columns:
                 self._columns[name] = _as_arrow(content.columns[name])
         self.remarks += content.remarks
-        if not column_map.time.column:
-            raise InputError(f"{column_map.origin}: time: must be a column")
-        rows = len(self._columns[column_map.time.column])
+        own = [s.column for s in column_map.sources if s.column and not clocks[s.column]]
+        rows = len(self._columns[column_map.time.column or (own or list(self._columns))[0]])
         if rows < 2:
             raise InputError(f"{path}: {rows} rows; allowed: 2 or more")
+        self._rows = rows
+        self._taken: NDArray[np.int64] | None = None  # rows that are taken, where not all are
+        self._time: Array = np.zeros(0)
         self._put_on_one_clock(clocks)
+        if column_map.every > 1:
+            self._take_new_rows(column_map.every)
 
     def place(self, row: int) -> str:
         """Return the name of a row for messages."""
-        at = row + self._first
+        at = (row if self._taken is None else int(self._taken[row])) + self._first
         return f"line {self._lines[at]}" if self._lines else f"row {at + 1}"
 
     def _error(
@@ -171,6 +177,8 @@ class Table:
         `late` [s] is added to them.
         """
         source = self._map.time
+        if not name:
+            return np.arange(self._rows) / self._map.rate, 0.0
         column = self._column(name)
         values: NDArray[Any]
         if source.unit == TIMESTAMP:
@@ -179,6 +187,12 @@ class Table:
             values, scale, unit = self._numbers(name), source.scale, source.unit
             if pa.types.is_integer(column.type) and np.all(values < 2.0**63):
                 values = column.to_numpy().astype(np.int64)  # large whole numbers keep their last digits
+        if source.wraps and name == source.column:
+            values, anew = _unwrapped(values, source.wraps)
+            if anew:
+                self.remarks.append(
+                    f"'{name}' begins anew at {source.wraps:.10g} in {anew} places: that is added"
+                )
         begin = values[0] if start is None else start
 
         def seconds(passed: Array) -> Array:
@@ -186,7 +200,32 @@ class Table:
 
         with np.errstate(over="ignore"):  # as floating-point numbers, whose difference does not wrap around
             self._check_span(name, seconds(values.astype(np.float64) - float(begin)))
-        return seconds((values - begin).astype(np.float64)), begin
+        passed = seconds((values - begin).astype(np.float64))
+        if source.plus and name == source.column:
+            more = self._numbers(source.plus)
+            passed = passed + to_si(more - more[0], source.plus_unit, Reading("s", -math.inf, math.inf))
+        return passed, begin
+
+    def _take_new_rows(self, every: int) -> None:
+        """Take the rows in which readings that are held over `every` rows are new."""
+        for source in self._map.sources:
+            if source.pulses and source.column in self._columns and source.column not in self._pulses:
+                self._pulses[source.column] = self._time, self._numbers(source.column, missing=True)
+        period = period_of(self._time)
+        numbers: NDArray[np.int64] = np.asarray(np.round(self._time / max(period, 1e-12)), dtype=np.int64)
+        columns = {
+            name: self._numbers(source.column, missing=True)
+            for name, source in self._map.columns.items()
+            if name in NAMES and source.column and not source.pulses
+        }
+        taken = np.flatnonzero(new_rows(columns, numbers, every))
+        if len(taken) < 2:
+            raise InputError(f"{self.path}: {len(taken)} rows by `every: {every}`; allowed: 2 or more")
+        self._columns = {name: column.take(pa.array(taken)) for name, column in self._columns.items()}
+        self._time, self._taken = self._time[taken], taken
+        self.remarks.append(
+            f"{len(taken)} of {len(numbers)} rows are taken: those with new values (`every: {every}`)"
+        )
 
     def _stamps(self, name: str, column: Any) -> NDArray[np.int64]:
         """Return the dates in a column [ns]."""
@@ -376,6 +415,14 @@ class Table:
                 f"{where(k)}: {value}; allowed: {field.low:g} .. {field.high:g} {field.unit}".rstrip()
                 + " (are unit and scale right?)" * bool(field.unit)
             )
+
+
+def _unwrapped(values: NDArray[Any], wraps: float) -> tuple[NDArray[Any], int]:
+    """Return the values of a counter as if it went on, and how often it begins anew."""
+    back = np.diff(values.astype(np.float64)) < -0.5 * wraps
+    turns = np.concatenate([[0], np.cumsum(back)])
+    whole = values.dtype.kind in "iu" and wraps == round(wraps)
+    return values + (turns * round(wraps) if whole else turns * wraps), int(back.sum())
 
 
 def to_si(values: Array, unit: str, field: Reading) -> Array:

@@ -22,9 +22,20 @@ from gyrowheel_sim import environment as environments
 Array = NDArray[np.float64]
 
 #: What can be wrong: the sign or the unit of columns, columns exchanged, twice the same, shifted in time, that never
-#: change, of another recording; a wheel that turns the other way; a recording of another machine.
+#: change, of another recording, held over several samples; a wheel that turns the other way; a recording of another
+#: machine.
 Kind = Literal[
-    "sign", "unit", "exchanged", "same", "shifted", "stuck", "foreign", "reversed", "scale", "another_machine"
+    "sign",
+    "unit",
+    "exchanged",
+    "same",
+    "shifted",
+    "stuck",
+    "foreign",
+    "held",
+    "reversed",
+    "scale",
+    "another_machine",
 ]
 
 
@@ -37,16 +48,18 @@ class Fix:
     scale: Mapping[str, float] = field(default_factory=dict)
     offset: Mapping[str, float] = field(default_factory=dict)
     shift: Mapping[str, float] = field(default_factory=dict)  # columns to move to later times [s]
+    without: tuple[str, ...] = ()  # columns to leave out, as if they had not been measured
+    every: int = 1  # of so many samples one is taken: that in which a held reading is new
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns that it changes."""
         names = [name for pair in self.exchange for name in pair]
-        return tuple(dict.fromkeys([*names, *self.scale, *self.offset, *self.shift]))
+        return tuple(dict.fromkeys([*names, *self.scale, *self.offset, *self.shift, *self.without]))
 
     def __bool__(self) -> bool:
         """Whether it changes anything."""
-        return bool(self.columns)
+        return bool(self.columns) or self.every > 1
 
     def and_then(self, other: Fix) -> Fix:
         """Return this one together with another one that changes other columns."""
@@ -55,6 +68,8 @@ class Fix:
             {**self.scale, **other.scale},
             {**self.offset, **other.offset},
             {**self.shift, **other.shift},
+            tuple(dict.fromkeys([*self.without, *other.without])),
+            max(self.every, other.every),
         )
 
     def applied(self, averages: Averages) -> Averages:
@@ -110,6 +125,7 @@ class WrongSetup:
 
 
 _ANGLE: Final = "spin_angle"
+_LONGEST_HELD: Final = 1000  # samples
 
 
 def correct(recording: Recording, cure: Fix, directory: str | Path) -> int:
@@ -189,9 +205,32 @@ def corrected(samples: NDArray[Any], cure: Fix) -> NDArray[Any]:
         )
         keep &= found
         result[name][found] = result[name][source[found]].copy()
+    for name in cure.without:
+        result[name] = math.nan
+    if cure.every > 1:
+        taken = new_rows({name: samples[name] for name in NAMES}, sequence, cure.every)
+        keep &= taken
+        result["sequence"] //= cure.every
     if not keep.any():
         raise InputError(f"shift: nothing is left; allowed: less than {len(samples) * period:.6g} s")
     return result[keep]
+
+
+def new_rows(columns: Mapping[str, Any], numbers: NDArray[np.int64], every: int) -> NDArray[np.bool_]:
+    """Return the rows, `every` so many, in which readings that are held so long are new.
+
+    `columns` are readings by name; the one that is held shows the rows. `numbers` are those of the samples.
+    """
+    best, phase = 0.0, 0
+    for name in (own for own in NAMES if own in columns):
+        values = np.asarray(columns[name], dtype=np.float64)
+        changed = numbers[1:][np.diff(values) != 0.0]
+        if not len(changed):
+            continue
+        counts = np.bincount(changed % every, minlength=every)
+        if counts.max() / counts.sum() > best:
+            best, phase = counts.max() / counts.sum(), int(np.argmax(counts))
+    return np.asarray(numbers % every == phase)
 
 
 def _scaled_angle(angle: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
@@ -206,7 +245,9 @@ def _scaled_angle(angle: NDArray[np.float64], factor: float) -> NDArray[np.float
 
 def _check(cure: Fix) -> None:
     if not cure:
-        raise InputError("nothing to correct; give exchange, scale, offset or shift")
+        raise InputError("nothing to correct; give exchange, scale, offset, shift, without or every")
+    if not 1 <= cure.every <= _LONGEST_HELD:
+        raise InputError(f"every: {cure.every} is out of range; allowed: 1 .. {_LONGEST_HELD}")
     for name in cure.columns:
         if name not in READINGS:
             raise InputError(f"column '{name}': no such reading; {nearest(name, READINGS)}")

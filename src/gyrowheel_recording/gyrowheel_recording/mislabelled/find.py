@@ -25,6 +25,7 @@ from gyrowheel_recording.mislabelled.blocks import (
     blocks_of,
     never_measured,
 )
+from gyrowheel_recording.mislabelled.held import held_setup
 from gyrowheel_recording.mislabelled.relations import (
     Ratio,
     precession,
@@ -242,6 +243,10 @@ def _judged(recording: Recording, bench: Bench) -> tuple[list[WrongSetup], Avera
     """Return the wrong setups of one recording, and its uncorrected averages."""
     require_rate(recording)
     absent = never_measured(recording)
+    numbers = recording.measurement["sequence"].astype(np.int64)
+    if held := held_setup(recording.readings, recording.time, numbers, absent, bench):
+        nothing = np.zeros((0, len(NAMES)))
+        return held, Averages(nothing, nothing, nothing, absent)  # nothing else can be judged by them
     blocks = blocks_of(recording, absent=absent)
     now = averages(_at_rest(recording, blocks), absent)
     still = stuck_columns(recording, blocks, bench) if len(blocks) else []

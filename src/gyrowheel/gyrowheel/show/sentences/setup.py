@@ -75,6 +75,8 @@ def _what(found: WrongSetup) -> str:
         return f"{names}{other} {verb} {abs(seconds):.2f} s {way} beside the other readings, or of another recording"
     if found.kind == "stuck":
         return f"{names} stays at {found.value:.6g} [SI]"
+    if found.kind == "held":
+        return f"{names} {verb} new in {_every(found.value)} sample only"
     if found.kind == "foreign":
         return "tilts and coil voltages do not belong together, as of two recordings or of other wires"
     if found.kind == "reversed":
@@ -89,11 +91,24 @@ def _what(found: WrongSetup) -> str:
     return f"is of another machine than {found.unit}"
 
 
+def _every(rows: float) -> str:
+    """Return so many samples as words: every 2nd, every 6.7th."""
+    text = f"{rows:.3g}"
+    ending = (
+        "th"
+        if "." in text or text[-2:] in ("11", "12", "13")
+        else {"1": "st", "2": "nd", "3": "rd"}.get(text[-1], "th")
+    )
+    return f"every {text}{ending}"
+
+
 def _evidence(found: WrongSetup) -> str:
     if found.kind == "unit" and not math.isnan(found.value):
         return f"{found.value:.5g} cannot be meant"
     if found.kind == "stuck":
         return "what it must follow moves"
+    if found.kind == "held":
+        return "the readings of a slower instrument are repeated, as noise never repeats to the last digit"
     if found.kind == "same":
         return (
             "the coils of two axes never take the same voltage"
@@ -135,7 +150,8 @@ def _options(whole: Fix) -> list[str]:
     words = [f"--exchange {one}:{other}" for one, other in whole.exchange]
     for option, values in (("scale", whole.scale), ("offset", whole.offset), ("shift", whole.shift)):
         words += [f"--{option} {name}={value:.10g}" for name, value in values.items()]
-    return words
+    words += [f"--without {name}" for name in whole.without]
+    return [*words, f"--every {whole.every}"] if whole.every > 1 else words
 
 
 def _hopeless(found: WrongSetup) -> str:
@@ -143,6 +159,11 @@ def _hopeless(found: WrongSetup) -> str:
         return f"give {listed(found.columns, 'and')} a column (or a wire) each, and import or record again"
     if found.kind == "stuck":
         return f"check sensor, wire and imported column of {listed(found.columns, 'and')}, and record again"
+    if found.kind == "held":
+        return (
+            f"record {listed(found.columns, 'and')} with a new reading in every sample, or import each instrument at "
+            "its own rate, with the times of its own readings (`clock:` in the map)"
+        )
     if found.kind == "another_machine":
         return "diagnose the recordings of one machine at a time, or give --mixed"
     return "take all readings from one recording, and import or record again"
@@ -151,6 +172,8 @@ def _hopeless(found: WrongSetup) -> str:
 def problem_and_map(found: WrongSetup) -> str:
     """Return the problem of an imported table, and the change of its map."""
     lines = "; ".join(map_lines(found))
+    if not lines and found.kind == "held":
+        return f"{problem(found)} To do: {_hopeless(found)}."
     return f"{problem(found)} In the map: {lines}." if lines else problem(found)
 
 
@@ -163,7 +186,8 @@ def map_lines(found: WrongSetup) -> list[str]:
     lines += [f"columns.{name}.scale: {value:.10g}" for name, value in own.scale.items()]
     # an offset of a map is in the unit of the table
     lines += [f"columns.{name}.unit: degC" for name in own.offset]
-    return lines
+    lines += [f"leave out columns.{name}, which follows from others" for name in own.without]
+    return [*lines, f"every: {own.every}"] if own.every > 1 else lines
 
 
 def setup_line(found: Sequence[WrongSetup]) -> str:

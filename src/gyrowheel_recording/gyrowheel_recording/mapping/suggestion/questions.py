@@ -52,7 +52,10 @@ def column_problems(
         problems.append(Problem(what, cure, asks=asks))
 
     if TIME not in found:
-        ask("no column of times is found.", "Name it `time` in the map, or in the line of names.")
+        ask(
+            "no column of times is found.",
+            "Name it `time` in the map, or state there how many rows there are a second, such as `rate: 1000`.",
+        )
     for own in found.values():
         column = grid.columns[own.column]
         problems += odd_cells(own.field, own.column, column)
