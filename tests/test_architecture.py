@@ -136,8 +136,8 @@ def test_every_part_has_its_place(package: Package) -> None:
 
 
 def test_the_command_line_knows_the_front_door_alone() -> None:
-    """Verbs use the API and what presents its results; of the packages below, errors, units and user folders."""
-    allowed = {"gyrowheel_core.cache", "gyrowheel_core.errors", "gyrowheel_core.units"}
+    """Verbs use the API and what presents its results; below, errors, units, user folders and variables."""
+    allowed = {f"gyrowheel_core.{name}" for name in ("cache", "errors", "surroundings", "units")}
     for path in (SRC / "gyrowheel" / "gyrowheel").rglob("*.py"):
         if path.parent.name == "cli" or path.stem.endswith("verb"):
             below = {n for n in imported(path) if n.split(".")[0] in LAYERS[:-1]}
@@ -173,6 +173,14 @@ def test_nodes_start_without_what_they_have_no_use_for() -> None:
     assert loaded(everywhere, own + others) == []
     # the laws of effects are expressions of SymPy, which the plant and the estimator evaluate
     assert loaded(["sympy"], own) == []
+
+
+def test_libraries_that_read_settings_from_the_current_folder_are_imported_in_one_place() -> None:
+    """There it is the rule what they find."""
+    places = {"matplotlib": "gyrowheel.show.figure", "numba": "gyrowheel_sim.jit"}
+    for name, path in FILES.items():
+        roots = {own.split(".")[0] for own in imported(path, at_import=True, types=False)}
+        assert {own for own in roots & places.keys() if name != places[own]} == set(), path
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:

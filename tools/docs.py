@@ -34,6 +34,7 @@ from gyrowheel_control.plans.format import Block, PlanFile
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import minus, quantity, span
 from gyrowheel_core.schema import Section, keys
+from gyrowheel_core.surroundings import VARIABLES
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Coefficient, Effect, registry
@@ -324,7 +325,7 @@ def tables() -> dict[str, str]:
     refused += [f"| `{_cell(text)}` | {_cell(_refusal(text))} |" for text in _REFUSED]
     named = {"quantities": quantities, "targets": targets, "functions": functions, "refused": refused}
     named |= {"benches": _bench_table()} | _momentum_tables() | _plan_tables() | {"reach": _reach()}
-    named |= {"further pages": _further()}
+    named |= {"further pages": _further(), "environment": _environment()}
     return {name: "\n".join(lines) for name, lines in named.items()}
 
 
@@ -344,6 +345,11 @@ _BENCH_ROWS = (
     "tilt_noise",
     "air_density_reference",
 )
+
+
+def _environment() -> list[str]:
+    lines = ["| variable | what it does | allowed |", "|---|---|---|"]
+    return [*lines, *(f"| `{own.name}` | {_cell(own.about)} | {_cell(own.allowed)} |" for own in VARIABLES)]
 
 
 def _bench_table() -> list[str]:
@@ -503,7 +509,15 @@ def made() -> Pages:
         if found is not None:
             pages[DOCS / "effects" / f"{effect.name}.svg"] = to_svg(found, json.dumps(found.to_json()))
     pages[DOCS / "effects" / "README.md"] = index_page(effects)
-    for page in ("README.md", "formulas.md", "momentum.md", "benches.md", "plans.md", "your_bench.md"):
+    for page in (
+        "README.md",
+        "formulas.md",
+        "momentum.md",
+        "benches.md",
+        "plans.md",
+        "your_bench.md",
+        "environment.md",
+    ):
         pages[DOCS / page] = with_tables((DOCS / page).read_text(encoding="utf-8"))
     momentum = envelope(bench)
     pages[DOCS / "momentum.csv"] = momentum_csv(momentum)

@@ -34,9 +34,10 @@ HOUSE = (
         "gyrowheel_core",
         "no physics: what every package uses",
         (
-            ("arrays", "errors", "wire", "cache", "start_node"),
+            ("arrays", "errors", "wire", "cache"),
             ("units", "files", "schema", "yaml_text", "readings", "topics", "processes", "origin_guard"),
-            ("namespaces",),
+            ("namespaces", "surroundings"),
+            ("start_node",),
             ("quantities", "node", "locks"),
             ("journal",),
         ),

@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 import rclpy
 
-from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import (
     BenchNode,
     ExitCode,
@@ -48,7 +47,7 @@ def _handlers_kept() -> Iterator[None]:
 
 
 def test_discovery_stays_on_this_computer(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (RANGE, PROFILES):
+    for name in (RANGE, PROFILES, "SKIP_DEFAULT_XML_FILE"):
         monkeypatch.setenv(name, "")  # so that both are put back afterwards
         monkeypatch.delenv(name)
     monkeypatch.delenv("RMW_IMPLEMENTATION", raising=False)
@@ -57,14 +56,20 @@ def test_discovery_stays_on_this_computer(monkeypatch: pytest.MonkeyPatch) -> No
         assert os.environ[RANGE] == "SYSTEM_DEFAULT"  # that of the file, which names the loopback alone
         text = Path(os.environ[PROFILES]).read_text(encoding="utf-8")
         assert set(re.findall(r"<address>(.*?)</address>", text)) == {"127.0.0.1"}
+        assert os.environ["SKIP_DEFAULT_XML_FILE"] == "1"  # of the current folder
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp"), (PROFILES, "mine.xml")]
-)
+@pytest.mark.parametrize("name", ["RMW_IMPLEMENTATION", PROFILES])
 def test_another_middleware_or_a_file_of_the_user_has_the_range_of_ros(
-    name: str, value: str, monkeypatch: pytest.MonkeyPatch
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    resources = tmp_path / "share/ament_index/resource_index/rmw_typesupport"
+    resources.mkdir(parents=True)
+    mine = tmp_path / "mine.xml"
+    for file in (mine, resources / "rmw_other_cpp"):
+        file.touch()
+    value = str(mine) if name == PROFILES else "rmw_other_cpp"
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     for variable in (RANGE, PROFILES):
         monkeypatch.setenv(variable, "")
         monkeypatch.delenv(variable)
@@ -202,14 +207,6 @@ def test_memory_is_locked_only_without_a_limit() -> None:
         found.append(done.stdout.strip())
     assert found[0] == "False False"
     assert found[1] in ("True True", "False False")  # as the system allows
-
-
-@pytest.mark.parametrize("domain", ["abc", "-1", "233", "9" * 400, "٣", "1.0"])
-def test_an_invalid_domain_is_refused(domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The middleware would end the process, with the exit code of a finding."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    with pytest.raises(InputError, match=r"^ROS_DOMAIN_ID: .* is not allowed; allowed: 0 \.\. 232$"):
-        prepare_environment()
 
 
 def test_exit_codes_of_nodes_differ_from_findings_and_interruptions() -> None:

@@ -37,7 +37,7 @@ from gyrowheel_sim.effects import physical, registry
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .findings import WINDAGE, diagnosis, finding, judged_case, tie
-from .helpers import DRAG_PLAN, OTHER_PLAN, Shell, write
+from .helpers import DRAG_PLAN, OTHER_PLAN, SHORT_PLAN, Shell, write
 from .pages import Page, check_numbers
 
 CAMPAIGN = Campaign(DRAG_PLAN, OTHER_PLAN, seed=5)
@@ -92,6 +92,11 @@ def test_a_secret_depends_on_its_case_alone(kind: str, measure: Yardstick):
     assert hide(case, measure) == hide(case, measure)
     other = hide(replace(case, index=case.index + 1000), measure)
     assert other.scenario.values != hide(case, measure).scenario.values
+
+
+def test_a_plan_without_steady_motion_is_refused() -> None:
+    with pytest.raises(InputError, match="plan short: no steady motion in it; allowed: "):
+        yardstick(CAMPAIGN.bench, SHORT_PLAN)
 
 
 def test_machines_controllers_and_noise_vary(measure: Yardstick):

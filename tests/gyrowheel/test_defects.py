@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,29 @@ def test_internal_error_is_one_line_and_a_report_without_data(
     assert re.search(r"gyrowheel\.cli\.console:\d+ in run", text)
     assert re.search(r"numpy \d", text)
     assert report.stat().st_mode & 0o077 == 0
+
+
+def test_reports_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    for _ in range(30):
+        assert run(_app(RuntimeError("odd")), ["x"]) == INTERNAL_ERROR
+    assert len(list((tmp_path / "gyrowheel").iterdir())) == 10
+
+
+def test_a_package_of_pythonpath_is_named_where_it_does_not_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The defect is none of the program; with the same version, it is one."""
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (tmp_path / "numpy.py").touch()
+    assert run(_app(AttributeError("no attribute linspace")), ["x"]) == BAD_INPUT
+    said = (
+        f"error: PYTHONPATH: {tmp_path}/numpy.py (no version) takes the place of numpy {version('numpy')}: "
+    )
+    assert capsys.readouterr().err.startswith(said)
+    (tmp_path / "numpy.py").unlink()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert run(_app(AttributeError("no attribute linspace")), ["x"]) == INTERNAL_ERROR
 
 
 def test_internal_error_without_a_writable_folder(

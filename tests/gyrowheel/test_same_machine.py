@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -155,3 +156,26 @@ def test_wrong_setup_ends_with_its_cure_which_works(
     found = json.loads(Path("found.json").read_text())
     assert found["setup"] == []
     assert found["verdict"] == "nothing_missing"
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "hole", "link", "folder"])
+def test_a_note_that_is_no_small_file_is_passed_over(
+    kind: str, machines: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody named it: it may be anything, and is neither waited for nor quoted."""
+    recording = gw.Recording.open(machines / "drag1")
+    note = tmp_path / "note"
+    if kind == "pipe":
+        os.mkfifo(note)
+    elif kind == "device":
+        note = Path("/dev/zero")
+    elif kind == "hole":
+        with note.open("wb") as file:
+            file.truncate(6_000_000_000)
+    elif kind == "link":
+        (tmp_path / "secret").write_text("--seed 4")
+        note.symlink_to(tmp_path / "secret")
+    else:
+        note.mkdir()
+    monkeypatch.setattr("gyrowheel.recordings.api._place", lambda recording: note)
+    assert noted_machine([recording]) == ""

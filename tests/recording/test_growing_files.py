@@ -4,6 +4,8 @@ import bz2
 import os
 import sqlite3
 import struct
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
 from gyrowheel_recording.mapping.map_file import ColumnMap
 from gyrowheel_recording.mapping.table import Table
 from gyrowheel_recording.tables import read_grid
+from gyrowheel_recording.tables.grid import distinct
 
 #: Columns of the map.
 _MEASURED = (
@@ -101,8 +104,67 @@ def test_table_of_one_repeated_value(tmp_path: Path, monkeypatch: pytest.MonkeyP
     pq.write_table(table, tmp_path / "table.parquet")
     (tmp_path / "map.yaml").write_text(_MAP)
     monkeypatch.setenv(LARGEST_VARIABLE, "0.005")
-    with pytest.raises(InputError, match="its table of 200000 rows needs"):
+    with pytest.raises(InputError, match="its table needs"):
         Table(tmp_path / "table.parquet", ColumnMap.load(tmp_path / "map.yaml"))
+
+
+def test_columns_that_are_no_readings_take_no_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lists, bytes and repeated texts of gigabytes in a Parquet file of kilobytes."""
+    rows = 4000
+    columns = {
+        "t": pa.array(np.arange(rows) * 1e-3),
+        "lists": pa.array([[0.0] * 1000] * rows),
+        "bytes": pa.array([bytes(8000)] * rows, pa.binary(8000)),
+        "text": pa.array(["x" * 8000] * rows),
+    }
+    pq.write_table(pa.table(columns), tmp_path / "table.parquet", compression="zstd")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.001")
+    code = (
+        "import pathlib, pyarrow; from gyrowheel_recording.tables import read_grid; "
+        "read_grid(pathlib.Path('table.parquet')); print(pyarrow.default_memory_pool().max_memory())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) < 2_000_000  # each column but the first takes 32 MB
+    grid = read_grid(tmp_path / "table.parquet")
+    assert set(grid.columns) == {"t", "text"}
+    assert "lists is left out: its cells are of list<element: double>" in grid.remarks
+    table = pa.table(
+        {"t": columns["t"], "tilt_x": columns["lists"]} | dict.fromkeys(_MEASURED[1:], columns["t"])
+    )
+    pq.write_table(table, tmp_path / "table.parquet")
+    (tmp_path / "map.yaml").write_text(_MAP)
+    with pytest.raises(
+        InputError, match="column 'tilt_x' holds list<element: double>; allowed: numbers and dates"
+    ):
+        Table(tmp_path / "table.parquet", ColumnMap.load(tmp_path / "map.yaml"))
+
+
+def test_thousands_of_equal_names_of_columns_are_told_apart(tmp_path: Path) -> None:
+    names = distinct(["a", "b", "a", "a (2)", "a"] + ["c"] * 50_000)
+    assert names[:5] == ["a", "b", "a (2)", "a (2) (2)", "a (3)"]
+    assert len(set(names)) == 50_005
+
+
+def test_an_index_next_to_a_tdms_file_is_not_read(tmp_path: Path) -> None:
+    """It may be of another recording, in which the channels have another order."""
+    nptdms = pytest.importorskip("nptdms")
+
+    def write(path: Path, order: tuple[str, str]) -> None:
+        with nptdms.TdmsWriter(str(path), index_file=True) as writer:
+            writer.write_segment(
+                [nptdms.ChannelObject("g", name, np.full(8, float(ord(name)))) for name in order]
+            )
+
+    file = tmp_path / "a.tdms"
+    write(tmp_path / "other.tdms", ("y", "x"))
+    write(file, ("x", "y"))
+    for lie in ((tmp_path / "other.tdms_index").read_bytes(), b"secret"):
+        (tmp_path / "a.tdms_index").write_bytes(lie)
+        columns = read_grid(file).columns
+        assert (columns["g/x"].values == ord("x")).all()
+        assert (columns["g/y"].values == ord("y")).all()
 
 
 @pytest.mark.parametrize(

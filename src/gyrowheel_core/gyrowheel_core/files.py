@@ -142,6 +142,17 @@ def read_text(file: Path, *, errors: str = "strict") -> str:
     return text
 
 
+def read_beginning(file: Path, most: int) -> bytes:
+    """Return up to `most` bytes of a file that nobody named; OSError for a link, a pipe, a device or a folder."""
+    opened = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        if not stat.S_ISREG(os.fstat(opened).st_mode):
+            raise OSError(errno.EINVAL, "is no file", str(file))
+        return os.read(opened, most)
+    finally:
+        os.close(opened)
+
+
 def read_json(file: Path) -> Any:
     """Return the content of a JSON file.
 

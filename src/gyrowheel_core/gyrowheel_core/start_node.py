@@ -24,8 +24,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypedDict
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.surroundings import begin, require_ros
+
 #: Environment variable with the process id of the process that a node ends with (see `gyrowheel_core.node.BenchNode`).
 PARENT_VARIABLE = "GYROWHEEL_PARENT"
+_BAD_INPUT = 2  # as in `gyrowheel_core.node.ExitCode`, which needs rclpy
 
 
 class NodeRequest(TypedDict):
@@ -68,6 +72,12 @@ def _run(module: str) -> int:
     What a node imports it uses until it ends: nothing is collected during the import, which takes a tenth of its start,
     and the garbage collector ignores all of that afterwards. SIGINT during the import ends the process at once.
     """
+    try:
+        begin()
+        require_ros()
+    except InputError as error:
+        sys.stderr.write(f"{module}: {error}\n")
+        return _BAD_INPUT
     # not where the parent has it ignored
     interruptible = signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_DFL)
     if interruptible:
@@ -84,6 +94,7 @@ def _run(module: str) -> int:
 
 def _start_together(request: Mapping[str, Any]) -> int:
     os.environ[PARENT_VARIABLE] = str(os.getpid())
+    begin()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # until the node handles it
     gc.disable()

@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import os
 import pickle
 import re
 import sys
@@ -23,14 +24,21 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
-import numba
 import numpy as np
-from numba.core import caching
-from numba.core.registry import cpu_target
-from numba.core.serialize import dumps
 
 from gyrowheel_core import cache
 from gyrowheel_core.cache import digest
+from gyrowheel_core.surroundings import ignored_here
+
+_SETTINGS = ".numba_config.yaml"
+with ignored_here(_SETTINGS) as _ignored:
+    import numba
+    from numba.core import caching, config
+    from numba.core.registry import cpu_target
+    from numba.core.serialize import dumps
+    from numba.extending import register_jitable as register_jitable
+if _ignored:  # it would look again whenever it compiles
+    config._config_fname = os.devnull
 
 #: Attribute of a module without a file that contains its source.
 SOURCE = "__kernel_source__"

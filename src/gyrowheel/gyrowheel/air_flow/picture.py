@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import (
@@ -34,6 +32,10 @@ from gyrowheel_air.surrogate import get_model
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_air.torque import density_change, reynolds_number
 from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _DOTS = 110  # per inch

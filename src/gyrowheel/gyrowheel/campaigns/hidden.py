@@ -39,6 +39,7 @@ from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import Readings
 from gyrowheel_recording.bags import write_run
 from gyrowheel_sim.bench import Bench
@@ -118,9 +119,10 @@ class Yardstick:
             environment=run.environment,
         )
         outside = {form.effect.name: form.effect for form in outside_forms()} | events()
-        self._problem = Problem.of(
-            [Balance(reduce(samples, bench), bench)], Unknowns(bench, declared=outside)
-        )
+        balance = Balance(reduce(samples, bench), bench)
+        if not len(balance.windows.start):
+            raise InputError(f"plan {plan.name}: no steady motion in it; allowed: holds of a second and more")
+        self._problem = Problem.of([balance], Unknowns(bench, declared=outside))
         self._places = places(self._problem)
         self._responses: dict[str, Array] = {}
         self.errors = parameter_errors(self._problem.bench)

@@ -18,7 +18,7 @@ from gyrowheel.blind_tests import verb as blind_tests
 from gyrowheel.calibration import verb as calibration
 from gyrowheel.campaigns import verb as campaigns
 from gyrowheel.catalogue import verb as catalogue
-from gyrowheel.cli.console import run
+from gyrowheel.cli.console import bad_input, run
 from gyrowheel.cli.options import example
 from gyrowheel.cli.outputs import guard
 from gyrowheel.comparison import verb as comparison
@@ -37,6 +37,8 @@ from gyrowheel.simulation import verb as simulation
 from gyrowheel.tables import verb as tables
 from gyrowheel.torque_budget import verb as torque_budget
 from gyrowheel.workbench import verb as workbench
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.surroundings import begin
 
 app = typer.Typer(
     name="gyrowheel",
@@ -120,6 +122,10 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal that has no ± gets a question mark
             stream.reconfigure(errors="replace")
+    try:
+        begin()
+    except InputError as error:
+        sys.exit(bad_input(str(error)))
     code = run(app)
     # no garbage collection at exit: it takes a tenth of the time of a short verb
     gc.freeze()

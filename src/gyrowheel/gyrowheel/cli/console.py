@@ -54,7 +54,7 @@ def run(app: typer.Typer, arguments: Sequence[str] | None = None) -> int:
             raise KeyboardInterrupt
         return result if isinstance(result, int) else OK
     except InputError as error:
-        return _bad_input(str(error))
+        return bad_input(str(error))
     except typer.TyperException as error:
         return _usage(error)
     except (KeyboardInterrupt, typer.Abort):
@@ -124,10 +124,10 @@ def _failed(error: Exception) -> int:
         for line in (f"error: {one_line(error)}", *error.report.splitlines()):
             _tell(printable(line))
         return NODE_FAILED
-    from gyrowheel.cli.internal_errors import internal_error, machine_error
+    from gyrowheel.cli.internal_errors import foreign_package, internal_error, machine_error
 
-    if (said := machine_error(error)) is not None:
-        return _bad_input(said)
+    if (said := machine_error(error) or foreign_package(error)) is not None:
+        return bad_input(said)
     _tell(f"error: {internal_error(error)}")
     return INTERNAL_ERROR
 
@@ -316,7 +316,8 @@ def _key_names() -> Iterator[str]:
     yield from (f"key-{number}.json" for number in itertools.count(2))
 
 
-def _bad_input(text: str) -> int:
+def bad_input(text: str) -> int:
+    """Report bad input in one line, and return its exit code."""
     _tell(f"error: {' '.join(text.split())}")
     return BAD_INPUT
 
@@ -327,7 +328,7 @@ def _usage(error: typer.TyperException) -> int:
         return BAD_INPUT
     context = getattr(error, "ctx", None)
     hint = f" (see: {context.command_path} --help)" if context is not None else ""
-    return _bad_input(message.rstrip(".") + hint)
+    return bad_input(message.rstrip(".") + hint)
 
 
 def _value_message(error: typer.TyperException) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import platform
@@ -9,7 +10,8 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Iterator
-from importlib.metadata import PackageNotFoundError, version
+from importlib.machinery import PathFinder
+from importlib.metadata import PackageNotFoundError, distributions, version
 from pathlib import Path
 from types import TracebackType
 
@@ -34,6 +36,8 @@ _PACKAGES = (
     "gyrowheel_msgs", "numpy", "scipy", "numba", "sympy", "pydantic", "rosbags", "pyarrow", "matplotlib", "typer",
 )  # fmt: skip
 _LONGEST = 300  # characters of what an exception says
+_PREFIX = "gyrowheel-defect-"
+_KEPT = 10  # reports: more tell nothing new
 
 
 def machine_error(error: BaseException) -> str | None:
@@ -49,6 +53,28 @@ def machine_error(error: BaseException) -> str | None:
                 f"{cause.strerror or one_line(cause)}{f': {cause.filename}' if cause.filename else ''}"
             )
     return None
+
+
+def foreign_package(error: BaseException) -> str | None:
+    """Return the message where ``PYTHONPATH`` puts other versions of packages before those that are installed."""
+    folders = [own for own in os.environ.get("PYTHONPATH", "").split(os.pathsep) if own]
+    if not folders:
+        return None
+    installed = [own for own in sys.path if own not in folders]
+    for name in _PACKAGES:
+        found = PathFinder.find_spec(name, folders)
+        if found is not None and PathFinder.find_spec(name, installed) is not None:
+            other, own = (_version(name, places) for places in (folders, installed))
+            if other != own:
+                said = one_line(error)[:_LONGEST]
+                return printable(
+                    f"PYTHONPATH: {found.origin} ({other or 'no version'}) takes the place of {name} {own}: {said}"
+                )
+    return None
+
+
+def _version(name: str, places: list[str]) -> str:
+    return next((own.version for own in distributions(name=name, path=places)), "")
 
 
 def internal_error(error: BaseException) -> str:
@@ -103,10 +129,19 @@ def _kept(report: str) -> Path | None:
         try:
             if folder is not None:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            number, place = tempfile.mkstemp(dir=folder, prefix="gyrowheel-defect-", suffix=".txt")
+                _remove_old(folder)
+            number, place = tempfile.mkstemp(dir=folder, prefix=_PREFIX, suffix=".txt")
             with os.fdopen(number, "w", encoding="utf-8") as file:
                 file.write(report)
         except OSError:
             continue
         return Path(place)
     return None
+
+
+def _remove_old(folder: Path) -> None:
+    """Remove the oldest reports, so that one more is as many as are kept."""
+    with contextlib.suppress(OSError):
+        reports = sorted(folder.glob(f"{_PREFIX}*.txt"), key=lambda own: own.stat().st_mtime)
+        for own in reports[: max(len(reports) - _KEPT + 1, 0)]:
+            own.unlink()

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import DARK, FAINT, GROUND, SOFT, TICK, Picture, drawn, title_size
@@ -20,6 +18,10 @@ from gyrowheel_analysis.residuals.error_table import WindowResiduals
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
 from gyrowheel_core.quantities import number
 from gyrowheel_core.units import DEG, RPM, unit_for
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _MOST_SPEEDS = 4
 _LONG, _SHORT = 0.55, 0.12  # of the largest tilt: the longest arrow, and that of noise

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gyrowheel.show.figure import BLUE, FAINT, INK, NOISE, SOFT, VERMILION, ZERO, Picture, drawn
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_analysis.drag.stream import DragTest
 from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _ACTUATORS = (
     ("coil x", "notched_coil_voltage_x"),

@@ -5,11 +5,9 @@ The exact momentum of the rotor is drawn next to the approximation of the paper:
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, Picture, add_grid, drawn
@@ -17,6 +15,10 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
 from gyrowheel_sim.mechanics.momentum import largest_errors, revolution, rotor_inertias, speeds_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 

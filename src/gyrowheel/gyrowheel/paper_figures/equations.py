@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sympy as sp
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.paper_figures.evidence import (
@@ -29,6 +28,9 @@ from gyrowheel_sim.mechanics import kinematics as k
 from gyrowheel_sim.mechanics.dynamics import generalised_forces, inertia_terms
 from gyrowheel_sim.mechanics.kinematics import joint_of_azimuth, tilt_of_joint
 from gyrowheel_sim.mechanics.momentum import revolution
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _SPHERE = 1e-3  # a mean momentum this near to the sphere, relative, lies on it

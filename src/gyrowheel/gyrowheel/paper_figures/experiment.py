@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.calibration.api import calibrate
@@ -30,6 +29,9 @@ from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.effects import get
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _MILLI = 1e3

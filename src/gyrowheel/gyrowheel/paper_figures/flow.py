@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.air_flow import picture as air_flow
@@ -19,6 +19,9 @@ from gyrowheel_air.surrogate import fit_table
 from gyrowheel_air.torque import AirState, density_change, reynolds_number
 from gyrowheel_core.quantities import decimal
 from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 _CLEAR = 2.0  # scatters beyond which a difference is one

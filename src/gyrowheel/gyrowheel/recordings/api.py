@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.show.result import Shown
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import write_text
+from gyrowheel_core.files import read_beginning, write_text
 from gyrowheel_recording.bags import Recording as Data
 from gyrowheel_recording.bags.metadata import METADATA_FILE
 
@@ -381,7 +381,7 @@ def noted_machine(recordings: Sequence[Recording]) -> str:
     for recording in recordings:
         place = _place(recording)
         try:
-            note = "" if place is None else place.read_text(encoding="utf-8")[:_LONGEST].strip()
+            note = "" if place is None else read_beginning(place, _LONGEST).decode("utf-8").strip()
             if note and note.isprintable():
                 return shlex.join(shlex.split(note))  # quoted: never another command
         except (OSError, ValueError):

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from gyrowheel.show.figure import BLUE, FAINT, PANELS, SOFT, VERMILION, Picture, drawn
 from gyrowheel_recording.bags import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MOST_POINTS = 4000  # of a line; more do not show
 _LINES = (BLUE, VERMILION)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from markupsafe import Markup
 
 from gyrowheel.recordings.picture import envelope
 from gyrowheel.report import sections
-from gyrowheel.show.figure import PANELS, png_bytes
+from gyrowheel.show.figure import PANELS, png_bytes, svg_bytes
 from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet, template_text
 from gyrowheel.show.layout import plain_text
 
@@ -48,13 +47,8 @@ class Picture:
 
 def picture(draw: Callable[[], Figure], title: str) -> Picture:
     """Return the drawing of a function as a picture of a page."""
-    import matplotlib as mpl
-
     figure = draw()
-    stream = io.BytesIO()
-    with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "gyrowheel"}):
-        figure.savefig(stream, format="svg", metadata={"Date": None})
-    kind, content = "svg+xml", stream.getvalue()
+    kind, content = "svg+xml", svg_bytes(figure)
     if len(content) > _LARGEST:
         kind, content = "png", png_bytes(figure)
     return Picture(f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}", title)

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from gyrowheel_core import cache
 from gyrowheel_core.files import new_file
+from gyrowheel_core.surroundings import ignored_here
 from gyrowheel_core.units import DEG, RPM
 
 P = ParamSpec("P")
@@ -64,8 +65,14 @@ def _keep_settings() -> None:
 
 _keep_settings()
 
-import matplotlib as mpl  # noqa: E402, its import looks for the settings
-from matplotlib.figure import Figure  # noqa: E402
+with ignored_here("matplotlibrc"):
+    import matplotlib as mpl
+from matplotlib.figure import Figure  # noqa: E402, its import looks for the settings
+
+#: What matplotlib has where nobody has set anything else: pictures do not depend on settings of the user.
+_PLAIN = {
+    name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith(("backend", "inter"))
+}
 
 
 class Picture(Figure):
@@ -86,7 +93,7 @@ def style(
     `size` is that of the letters [points], `title` that of the titles of panels, one more if not given. With `framed`
     panels have a frame on all sides, not only left and below.
     """
-    settings: Any = {  # typed by matplotlib key by key
+    settings: Any = _PLAIN | {  # typed by matplotlib key by key
         "font.family": "sans-serif",
         "font.size": size,
         "axes.edgecolor": FRAME,
@@ -133,7 +140,16 @@ def png_bytes(figure: Figure, description: str = "") -> bytes:
     """Return a figure as PNG; a description goes into its metadata."""
     stream = io.BytesIO()
     metadata = {"Description": description} if description else None
-    figure.savefig(stream, format="png", dpi=figure.dpi, metadata=metadata)
+    with mpl.rc_context(_PLAIN):
+        figure.savefig(stream, format="png", dpi=figure.dpi, metadata=metadata)
+    return stream.getvalue()
+
+
+def svg_bytes(figure: Figure) -> bytes:
+    """Return a figure as SVG, in which letters are outlines: the same on every machine."""
+    stream = io.BytesIO()
+    with mpl.rc_context(_PLAIN | {"svg.fonttype": "path", "svg.hashsalt": "gyrowheel"}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
     return stream.getvalue()
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from gyrowheel.show.figure import (
     BLUE,
@@ -28,6 +26,10 @@ from gyrowheel.torque_budget.page import ACROSS, ALONG, MOTOR, rows_of
 from gyrowheel_analysis.torques import HoldTorques
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, SKY, PINK, NOISE, "#F0E442", DARK)
 _HATCHES = ("", "//", "..")

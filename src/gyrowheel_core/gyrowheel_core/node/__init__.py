@@ -55,12 +55,12 @@ from gyrowheel_core.node.process import (
     StopSignals,
     make_executor,
     parameter_help,
-    prepare_environment,
     run_node,
     spin,
 )
 from gyrowheel_core.node.requests import RepeatedRequest
 from gyrowheel_core.start_node import PARENT_VARIABLE
+from gyrowheel_core.surroundings import prepare_environment
 
 __all__ = [
     "AUTOSTART", "PARENT_VARIABLE", "PRIORITY", "SURPLUS", "TORN", "WAITS_FOR", "WARN", "BenchNode",

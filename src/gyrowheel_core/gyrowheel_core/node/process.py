@@ -7,13 +7,11 @@ import ctypes
 import enum
 import gc
 import inspect
-import os
 import signal
 import sys
 import time
 import traceback
 from collections.abc import Iterator, Sequence
-from importlib import resources
 from typing import Final
 
 import rclpy
@@ -27,10 +25,8 @@ from gyrowheel_core.errors import InputError, one_line, printable
 from gyrowheel_core.node.base import BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
 from gyrowheel_core.node.priority import prioritise
+from gyrowheel_core.surroundings import prepare_environment
 
-_LAST_DOMAIN = 232  # larger ones have no ports
-_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-_PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _ANSWER = 0.3  # how long a node that was shut down stays, so that its answer arrives [s]
 
 
@@ -46,30 +42,6 @@ class ExitCode(enum.IntEnum):
     BAD_INPUT = 2
     FAULT = 3
     CRASH = 70
-
-
-def prepare_environment() -> None:
-    """Set what the middleware reads from the environment, unless the user has set it; before `rclpy.init`.
-
-    Discovery stays on this computer. Fast DDS does so with the settings of ``config/fastdds.xml``; by the range
-    ``LOCALHOST`` its ROS layer would add sockets on the other interfaces.
-
-    Raises
-    ------
-    InputError
-        If ``ROS_DOMAIN_ID`` is no domain: the middleware would end the process.
-    """
-    domain = os.environ.get("ROS_DOMAIN_ID", "")
-    if domain and not (domain.isascii() and domain.isdigit() and int(domain[:9]) <= _LAST_DOMAIN):
-        raise InputError(f"ROS_DOMAIN_ID: {domain[:40]!r} is not allowed; allowed: 0 .. {_LAST_DOMAIN}")
-    ours = os.environ.setdefault(_RANGE, "LOCALHOST") == "LOCALHOST"
-    if (
-        ours
-        and _PROFILES not in os.environ
-        and "fastrtps" in os.environ.get("RMW_IMPLEMENTATION", "fastrtps")
-    ):
-        os.environ[_PROFILES] = str(resources.files("gyrowheel_core").joinpath("config/fastdds.xml"))
-        os.environ[_RANGE] = "SYSTEM_DEFAULT"  # as in the file
 
 
 def make_executor(context: Context | None = None) -> Executor:

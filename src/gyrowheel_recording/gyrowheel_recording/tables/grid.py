@@ -74,13 +74,9 @@ class Grid:
         InputError
             If there is no column.
         """
-        found: dict[str, Column] = {}
-        for column in columns:
-            own, count = column.name, 1
-            while own in found:
-                count += 1
-                own = f"{column.name} ({count})"
-            found[own] = replace(column, name=own)
+        given = list(columns)
+        names = distinct(column.name for column in given)
+        found = {name: replace(column, name=name) for name, column in zip(names, given, strict=True)}
         if not found:
             raise InputError(f"{name}: has no columns of numbers")
         return cls(name, found, tuple(remarks))
@@ -97,6 +93,19 @@ class Grid:
     def rows(self) -> int:
         """Number of rows of the longest column."""
         return max(len(column.values) for column in self.columns.values())
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """Return names that differ: one that occurs again gets a number."""
+    counts: dict[str, int] = {}
+    found: dict[str, None] = {}
+    for name in names:
+        own = name
+        while own in found:
+            counts[name] = counts.get(name, 1) + 1
+            own = f"{name} ({counts[name]})"
+        found[own] = None
+    return list(found)
 
 
 def split(name: str, values: Any, *, unit: str = "", joint: str = ".") -> list[Column]:

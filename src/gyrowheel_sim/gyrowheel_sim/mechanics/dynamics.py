@@ -14,7 +14,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
+
+from gyrowheel_sim.jit import register_jitable
 
 # --- kernel ---
 

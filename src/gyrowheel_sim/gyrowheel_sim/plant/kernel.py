@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from numba.extending import register_jitable
-
 from gyrowheel_sim.effects.law_code import Instant
 from gyrowheel_sim.instruments.kernel import (
     SHORTEST_FILTER,
@@ -29,7 +27,7 @@ from gyrowheel_sim.instruments.kernel import (
     sensed_tilt,
 )
 from gyrowheel_sim.instruments.readings import ROWS, WIDTH, Chain, Past
-from gyrowheel_sim.jit import njit
+from gyrowheel_sim.jit import njit, register_jitable
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,
     case_to_joint,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -14,19 +15,55 @@ import pyarrow.parquet as pq
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_recording.tables.grid import Column, Grid, require_table
 
+_SEEN: Final = 1000  # texts of a column, and characters of a text
+
 
 def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read a Parquet file (see `formats.read_grid`)."""
     try:
-        # opened here: arrow refuses names of files that are not text
-        with path.open("rb") as opened, pq.ParquetFile(opened) as file:
-            there = file.schema_arrow.names
-            wanted = list(there) if names is None else [name for name in there if name in names]
-            # what the file claims of its size may be small: a column of one repeated value has hardly any bytes
-            require_table(file.metadata.num_rows * len(wanted), str(path))
-            return of_table(file.read(columns=wanted), str(path))
+        with path.open("rb") as opened:  # opened here: arrow refuses names of files that are not text
+            kinds = dict(_cells(pq.read_schema(opened)))
+            sizes = {name: _size(kind) for name, kind in kinds.items() if names is None or name in names}
+            wanted, others = ([name for name in sizes if bool(sizes[name]) is own] for own in (True, False))
+            if others and names is not None:
+                raise InputError(
+                    f"{path}: column '{others[0]}' holds {kinds[others[0]]}; allowed: numbers and dates"
+                )
+            # a repeated text takes its memory once
+            texts = [name for name in wanted if _is_text(kinds[name])]
+            with pq.ParquetFile(opened, read_dictionary=texts) as file:
+                # what the file claims of its size may be small: a column of one repeated value has hardly any bytes
+                require_table(file.metadata.num_rows * sum(sizes.values()), str(path))
+                found = of_table(file.read(columns=wanted), str(path))
     except (pa.ArrowException, OSError) as error:
         raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
+    left_out = [f"{name} is left out: its cells are of {kinds[name]}" for name in others]
+    return replace(found, remarks=(*found.remarks, *left_out))
+
+
+def _cells(fields: Iterable[Any], above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the columns of a schema with their types; those of a record by its name and theirs."""
+    for own in fields:
+        if pa.types.is_struct(own.type):
+            yield from _cells(own.type.fields, f"{above}{own.name}.")
+        else:
+            yield f"{above}{own.name}", own.type
+
+
+def _is_text(kind: Any) -> bool:
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+
+def _size(kind: Any) -> float:
+    """Return how many numbers a cell of a type takes the memory of; 0 for lists and bytes, which are no readings."""
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    if _is_text(kind) or pa.types.is_null(kind):
+        return 1.0
+    plain = pa.types.is_primitive(kind) or pa.types.is_decimal(kind)
+    return max(kind.bit_width / 64.0, 1.0) if plain else 0.0
 
 
 def of_table(table: Any, where: str) -> Grid:
@@ -39,6 +76,9 @@ def of_table(table: Any, where: str) -> Grid:
         unit = about.get(b"unit", b"").decode("utf-8", "replace")
         if pa.types.is_duration(values.type):
             unit = "s"
+        if pa.types.is_dictionary(values.type) and _is_text(values.type):
+            cells = values.slice(0, _SEEN).combine_chunks()
+            values = pc.utf8_slice_codeunits(cells.dictionary, 0, _SEEN).take(cells.indices)
         columns.append(Column(name, as_numbers(plain(values)), "" if unit == "1" else unit))
     return Grid.of(where, columns)
 
@@ -69,7 +109,7 @@ def as_numbers(values: Any) -> Any:
         or pa.types.is_decimal(kind)
     ):
         return values.cast(pa.float64(), safe=False).to_numpy()
-    return np.array([_text(value) for value in values.slice(0, 1000)], dtype=object)
+    return np.array([_text(value) for value in values.slice(0, _SEEN)], dtype=object)
 
 
 def _text(value: Any) -> str:

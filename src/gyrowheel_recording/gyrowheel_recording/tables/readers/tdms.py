@@ -26,7 +26,8 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     columns: list[Column] = []
     clocks: dict[tuple[Any, ...], str] = {}
     remarks: list[str] = []
-    with library_errors(path), nptdms.TdmsFile.open(path) as file:
+    # opened here: of a path npTDMS would take what an index file next to it says, which may be of another recording
+    with library_errors(path), path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
         _require_scales(file.properties, path)
         channels = []
         size = 0.0

@@ -18,7 +18,7 @@ from pyarrow import csv
 
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.files import require_room
-from gyrowheel_recording.tables.grid import Column, Grid, Odd
+from gyrowheel_recording.tables.grid import Column, Grid, Odd, distinct
 from gyrowheel_recording.tables.readers.arrow import as_numbers
 from gyrowheel_recording.tables.text import (
     EMPTY,
@@ -194,11 +194,10 @@ def rows_of(
         if found is None:
             raise InputError(f"{where}: cannot be read: its rows are not those of a table")
     table, wrong = found
-    units = form.units or ("",) * len(form.names)
+    unit_of = dict(zip(unique, form.units or ("",) * len(unique), strict=True))
     columns = [
-        _column(name, table.column(name), unit, form.decimal, missing)
-        for name, unit in zip(unique, units, strict=True)
-        if name in table.column_names
+        _column(name, values, unit_of[name], form.decimal, missing)
+        for name, values in zip(table.column_names, table.columns, strict=True)
     ]
     remarks, uneven = [], None
     if wrong:
@@ -217,14 +216,7 @@ def rows_of(
 
 def names_of(form: TextForm) -> list[str]:
     """Return the names by which maps call the columns of a text: each once, a number behind one that comes again."""
-    unique: list[str] = []
-    for name in form.names:
-        own, count = name or "column", 1
-        while own in unique:
-            count += 1
-            own = f"{name or 'column'} ({count})"
-        unique.append(own)
-    return unique
+    return distinct(name or "column" for name in form.names)
 
 
 class _Rows:
