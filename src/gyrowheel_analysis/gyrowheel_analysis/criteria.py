@@ -36,6 +36,12 @@ MARGIN: Final = 2.0
 FAR_FROM_USUAL: Final = 5.0
 FAR_RELATIVE_ERROR: Final = (-0.5, 1.0)
 FAR_FROM_STATED: Final = 5.0
+#: Prior standard deviation of an effect that was not found, in usual sizes. Among 3e-3 .. 2e-2 in its square the
+#: coverage of 95 % intervals is the same; lower misses look-alikes below their limit, higher widens every interval.
+UNDETECTED_SIZE: Final = 0.1
+#: Joint standard errors from which on data and prior of a coefficient disagree (one case in 22 by chance). Lower
+#: reports chance, higher hides a prior that is wrong by three of its deviations.
+PRIOR_CONFLICT: Final = 2.0
 
 # --- free forms ---
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from gyrowheel_core.units import Unit, unit_for
 
@@ -97,6 +97,15 @@ def span(low: float, high: float, unit: str, *, pure: bool = False) -> str:
     """Return ``0.8 .. 1.3 mN·m`` of a range [SI]."""
     shown = unit_for(_largest(low, high), unit, pure=pure)
     return _with(f"{short(low / shown.size)} .. {short(high / shown.size)}", shown)
+
+
+def interval(low: float, high: float, parts: Mapping[str, float], unit: str, *, pure: bool = False) -> str:
+    """Return ``0.83 .. 1.20 mN·m (noise 0.024, bench 0.048)``: an interval and standard deviations within it [SI]."""
+    shown = unit_for(_largest(low, high), unit, pure=pure)
+    error = 0.5 * (high - low) / shown.size
+    ends = (pair(end / shown.size, error).split(" ± ")[0] for end in (low, high))
+    own = ", ".join(f"{name} {short(part / shown.size, 2)}" for name, part in parts.items())
+    return f"{_with(' .. '.join(ends), shown)} ({own})"
 
 
 def size(value: float, unit: str, *, sign: bool = False) -> str:

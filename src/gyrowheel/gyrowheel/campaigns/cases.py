@@ -12,9 +12,9 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import KINDS, Kind
 
-CaseKind: TypeAlias = Kind | Literal["event"]
+CaseKind: TypeAlias = Kind | Literal["alike", "event"]
 #: Relative frequency of each kind.
-SHARES: dict[CaseKind, float] = dict([*KINDS.items(), ("event", 0.3)])
+SHARES: dict[CaseKind, float] = dict([*KINDS.items(), ("alike", 0.5), ("event", 0.3)])
 #: Largest fraction of lost samples: with more missing no window is complete.
 MOST_LOST = 0.2
 
@@ -43,7 +43,7 @@ class Campaign:
         """Check every setting, and both plans against the bench."""
         if self.seed < 0:
             raise InputError(f"seed: {self.seed} is out of range; allowed: >= 0")
-        known = tuple(SHARES) if self.reality else tuple(KINDS)
+        known = tuple(kind for kind in SHARES if self.reality or kind != "event")
         if not self.kinds:
             raise InputError(f"kinds: none given; allowed: {', '.join(known)}")
         for kind in self.kinds:

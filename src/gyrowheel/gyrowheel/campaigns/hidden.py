@@ -55,6 +55,9 @@ Array = NDArray[np.float64]
 SMALLEST, LARGEST = 1.0, 10.0
 #: Smallest size outside the library, in detection limits: a smaller one could be taken for a library effect.
 SMALLEST_OUTSIDE = 2.0
+#: Sizes of a look-alike, in its detection limits, and the number of the most similar effects among which it is drawn.
+ALIKE = (0.3, 1.0)
+_MOST_ALIKE = 3
 #: Largest size, in largest usual sizes, however little a recording shows of the effect.
 MOST_OF_USUAL = 3.0
 #: Largest relative error of a bench parameter.
@@ -83,6 +86,7 @@ class Secret:
     instruments: EffectValues = field(
         default_factory=dict
     )  # wrong instruments: {effect: {coefficient: value}}
+    alike: EffectValues = field(default_factory=dict)  # a look-alike of the effect, below its limit
     event: HiddenEvent | None = None  # event in the first recording
     event_values: dict[str, float] = field(default_factory=dict)  # its coefficients
 
@@ -98,6 +102,7 @@ class Secret:
             "drift": self.drift,
             "noise_seed": self.scenario.noise_seed,
             "instruments": self.instruments,
+            "alike": self.alike,
             "event": None if self.event is None else {**asdict(self.event), **self.event_values},
         }
 
@@ -141,6 +146,15 @@ class Yardstick:
     def _asked_of_event(self, name: str) -> float:
         """Return the chi-squared that an event must gain, of unknown kind and time."""
         return EVENT_GAIN + price(shape_of(name), self._places)
+
+    def alike(self, name: str, values: dict[str, float], drift: float) -> list[str]:
+        """Return the other effects of the library, those first that explain most of the response of an effect."""
+        terms = [t for t in candidate_terms(self._problem.bench) if t.effect is not None and t.name != name]
+        columns = [self._columns(term) for term in terms]
+        left = self._left(np.column_stack([*columns, self._response(name, values)]), drift)
+        edges = np.cumsum([0, *(own.shape[1] for own in columns)])
+        apart = [_apart(left[:, -1], left[:, a:b]) for a, b in itertools.pairwise(edges)]
+        return [terms[k].name for k in np.argsort(apart, kind="stable")]
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: the part that no single library effect explains counts."""
@@ -256,6 +270,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
         resembles = (form.resembles, form.exponent) if form.resembles else None
     else:
         truth, sizes = _library(case, measure, drift, rng, wrong)
+    alike = _alike(measure, drift, rng, truth) if case.kind == "alike" else {}
     for name, coefficients in truth.items():
         for group, parameters in bench.groups().items():
             if group in ERRORS.get(name, ()):
@@ -274,12 +289,23 @@ def hide(case: Case, measure: Yardstick) -> Secret:
         sizes[event.name] = measure.size(event.name, event_values, drift, wrong)
     scenario = Scenario(
         values=values,
-        effects={name: v for name, v in {**truth, **wrong}.items() if name not in ERRORS},
+        effects={name: v for name, v in {**truth, **alike, **wrong}.items() if name not in ERRORS},
         noise_seed=int(rng.integers(2**32)),
         declared=declared() if set(truth) & set(declared()) else {},
     )
     return Secret(
-        scenario, truth, sizes, resembles, gains, campaign.lost, noise, drift, wrong, event, event_values
+        scenario,
+        truth,
+        sizes,
+        resembles,
+        gains,
+        campaign.lost,
+        noise,
+        drift,
+        wrong,
+        alike,
+        event,
+        event_values,
     )
 
 
@@ -296,6 +322,21 @@ def _event(
     return event, values
 
 
+def _alike(measure: Yardstick, drift: float, rng: np.random.Generator, truth: EffectValues) -> EffectValues:
+    """Draw a look-alike of the hidden effect, below its detection limit next to it."""
+    ((name, values),) = truth.items()
+    other = str(rng.choice(measure.alike(name, values, drift)[:_MOST_ALIKE]))
+    effect = physical()[other]
+    drawn, _ = _scaled(
+        effect,
+        draw_effect(effect, rng),
+        rng.uniform(*ALIKE),
+        functools.partial(measure.size, other, drift=drift, beside=truth),
+        capped=True,
+    )
+    return {other: drawn}
+
+
 def _library(
     case: Case, measure: Yardstick, drift: float, rng: np.random.Generator, wrong: EffectValues
 ) -> tuple[EffectValues, dict[str, float]]:
@@ -305,6 +346,8 @@ def _library(
     chosen: list[str] = []
     if case.kind == "single":
         chosen = [_turn((*known, *measure.errors), seed, case.ordinal, "single")]
+    elif case.kind == "alike":
+        chosen = [_turn(tuple(known), seed, case.ordinal, "alike")]
     elif case.kind == "pair":
         first = _turn(tuple(known), seed, case.ordinal, "pair")
         chosen = [first, str(rng.choice([name for name in known if name != first]))]

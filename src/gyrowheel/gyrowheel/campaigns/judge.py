@@ -9,7 +9,7 @@ from typing import Any, Literal
 from gyrowheel.blind_tests.judge import Outcome, judge_names
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hidden import Secret
-from gyrowheel_analysis.diagnosis.result import Diagnosis
+from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 
@@ -209,7 +209,7 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
     right = {name for name in named if name in secret.truth}
     outcome = _outcome(case, secret, answer)
     intervals = [
-        Interval(f"{e.name}.{key}", estimate.value, estimate.standard_error, secret.truth[e.name][key])
+        _interval(f"{e.name}.{key}", estimate, secret.truth[e.name][key])
         for e in answer.effects
         if e.name in right and outcome in ("exact", "partial")
         for key, estimate in e.coefficients.items()
@@ -330,10 +330,19 @@ def _detectable(secret: Secret) -> bool:
     return all(size >= DETECTABLE for name, size in secret.sizes.items() if name not in secret.instruments)
 
 
+def _interval(name: str, estimate: Estimate, truth: float) -> Interval:
+    """Return the stated interval of a coefficient, from all its uncertainties."""
+    if estimate.parts is None:
+        return Interval(name, estimate.value, estimate.standard_error, truth)
+    return Interval(name, estimate.parts.middle, estimate.parts.deviation, truth)
+
+
 def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
     if answer.verdict == "unknown":
         return "unknown"
-    named = [finding.name for finding in answer.effects]
+    # a look-alike below its limit may be named as well
+    findings = [finding for finding in answer.effects if finding.name not in secret.alike]
+    named = [finding.name for finding in findings]
     truth = list(secret.truth)
     if secret.event is not None and not named:
         event = _event(secret, answer)
@@ -346,7 +355,7 @@ def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
         return "named_right" if _right_but_for_exponent(secret, answer) else "misnamed"
     # an effect that an instrument imitates may be an alternative of that instrument
     imitated = {tie.name: tie.separating_plan for f in answer.instruments for tie in f.ties}
-    outcome, _ = judge_names(answer.effects, truth, instruments=secret.instruments, imitated=imitated)
+    outcome, _ = judge_names(findings, truth, instruments=secret.instruments, imitated=imitated)
     return outcome
 
 

@@ -24,8 +24,10 @@ KINDS = {
     "single": "one effect",
     "pair": "two effects",
     "outside": "outside library",
+    "alike": "one effect and a look-alike",
     "event": "an event",
 }
+_SIZED = ("single", "pair", "alike")
 _WORDS = {
     "tied_without_test": "tied, no test named",
     "partial": "one of two found",
@@ -85,7 +87,7 @@ def _kinds(summary: Summary) -> Table:
 
 def _remarks(summary: Summary) -> Iterator[str]:
     """Yield remarks below the table."""
-    if summary.of_kind("single") or summary.of_kind("pair"):
+    if any(summary.of_kind(kind) for kind in _SIZED):
         yield f"≥ {DETECTABLE:g}×: at least {DETECTABLE:g} times the detection limit; exact, tied and wrong count these"
     if summary.of_kind("none"):
         alarms = summary.false_alarms
@@ -95,7 +97,7 @@ def _remarks(summary: Summary) -> Iterator[str]:
         named = {"unknown": "called unknown", "misnamed": "absorbed by library effects"}
         parts = [f"{named.get(k, _WORDS.get(k, k))} {v}" for k, v in outside.most_common()]
         yield f"outside the library: {', '.join(parts)}"
-    below = [c for kind in ("single", "pair") for c in summary.of_kind(kind) if not c.detectable]
+    below = [c for kind in _SIZED for c in summary.of_kind(kind) if not c.detectable]
     if below:
         parts = [f"{_WORDS.get(k, k)} {v}" for k, v in summary.outcomes(below).most_common()]
         yield f"smaller than that: {', '.join(parts)}"
@@ -307,7 +309,7 @@ def _kind_rows(summary: Summary, cells: Cells) -> Any:
             continue
         row: dict[str, Any] = dict.fromkeys(("seen", "exact", "tied", "wrong"), "–")
         row |= {"kind": words, "n": len(cases)}
-        if kind in ("single", "pair"):
+        if kind in _SIZED:
             place = f"campaign.{kind}"
             row["n"] = cells.digits(f"{place}.n", 0)
             row |= {name: cells.digits(f"{place}.{name}", 0) for name in ("exact", "tied", "wrong")}

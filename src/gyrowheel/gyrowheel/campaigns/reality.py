@@ -136,7 +136,14 @@ def declared() -> dict[str, Effect]:
 
 Shape = Literal["step", "trend", "burst"]
 #: Smallest and largest number of wrong instruments, by the kind of a case.
-WRONG_AT_ONCE = {"none": (1, 3), "single": (0, 2), "pair": (0, 1), "outside": (0, 1), "event": (0, 1)}
+WRONG_AT_ONCE = {
+    "none": (1, 3),
+    "single": (0, 2),
+    "pair": (0, 1),
+    "outside": (0, 1),
+    "alike": (0, 1),
+    "event": (0, 1),
+}
 #: Largest resolution step and hum, over the noise of the reading.
 _STEPS, _HUM = 1.0, 0.5
 _JITTER = 5.0e-6  # s

@@ -12,7 +12,7 @@ from rich.text import Text
 from gyrowheel.show.error_table import error_table
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import heading, indented, sentences, words_table
-from gyrowheel.show.sentences.diagnosis import prior_sentences
+from gyrowheel.show.sentences.diagnosis import conflict_sentences, error_sentences, prior_sentences
 from gyrowheel.show.sentences.findings import event_sentences
 from gyrowheel.show.sentences.proof import doubt_sentence, proof_line
 from gyrowheel_core.quantities import decimal, fixed, with_error
@@ -55,8 +55,12 @@ def addition_page(added: Added) -> Iterator[RenderableType]:
 
 
 def addition_notes(added: Added) -> tuple[str, ...]:
-    """Return priors that are part of the estimates, events of the recordings, and doubts about the fit."""
-    priors = (text for name, own in added.coefficients.items() for text in prior_sentences(name, own))
+    """Return errors and priors of the estimates, events of the recordings, and doubts about the fit."""
+    priors = (
+        text
+        for name, own in added.coefficients.items()
+        for text in (*error_sentences(name, own), *prior_sentences(name, own), *conflict_sentences(name, own))
+    )
     return (*priors, *event_sentences(added.events, several=True), *map(doubt_sentence, added.doubts))
 
 

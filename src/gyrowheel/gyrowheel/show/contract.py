@@ -209,7 +209,19 @@ def _region(region: Region) -> dict[str, Any]:
 
 
 def _coefficients(values: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {name: _picked(e, "value standard_error unit") | _prior(e) for name, e in values.items()}
+    return {
+        name: _picked(e, "value standard_error unit") | _parts(e) | _prior(e) for name, e in values.items()
+    }
+
+
+def _parts(e: Estimate) -> dict[str, Any]:
+    """Return the parts of the standard error, and the 95 % interval from all uncertainties."""
+    if e.parts is None:
+        return {}
+    return {
+        "parts": _picked(e.parts, "noise bench undetected"),
+        "interval": list(e.parts.interval),
+    }
 
 
 def _prior(e: Estimate) -> dict[str, Any]:

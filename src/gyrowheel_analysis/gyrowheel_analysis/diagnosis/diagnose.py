@@ -38,6 +38,7 @@ from gyrowheel_analysis.diagnosis.result import (
     Verdict,
 )
 from gyrowheel_analysis.diagnosis.selection import Finding, Progress, Selection, select
+from gyrowheel_analysis.diagnosis.uncertainty import error_parts
 from gyrowheel_analysis.diagnosis.unknown import (
     Proposal,
     as_found,
@@ -299,18 +300,20 @@ def _in_model(term: Term, problem: Problem) -> dict[str, Estimate] | None:
 
 
 def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
-    """Return the coefficients of a term as fitted, with the priors of its shapes."""
+    """Return the coefficients of a term as fitted, with the priors of its shapes and the parts of their errors."""
     found = {}
     declared = {c.name: c for c in term.effect.coefficients} if term.effect else {}
+    parts = error_parts(problem, fit)
     for name in term.coefficients:
         value, error = fit.coefficients[term.name][name], fit.standard_error(term.name, name)
-        c = declared.get(name)
+        own, c = parts[term.name, name], declared.get(name)
         if c is None or c.shape is None or c.shape_uncertainty == 0.0:
-            found[name] = Estimate(value, error, "1" if c is None else c.unit)
+            found[name] = Estimate(value, error, "1" if c is None else c.unit, parts=own)
             continue
         prior = Prior(problem.unknowns.null(term)[name], c.shape_uncertainty)
         source = "the model" if term.name in problem.unknowns.known else c.source
-        found[name] = Estimate(value, error, c.unit, prior, without_prior(value, error, prior), source)
+        data = without_prior(value, error, prior)
+        found[name] = Estimate(value, error, c.unit, prior, data, source, own)
     return found
 
 

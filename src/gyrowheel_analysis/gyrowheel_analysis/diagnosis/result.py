@@ -6,6 +6,7 @@ import it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -33,7 +34,40 @@ Reason = Literal[
     "no_gain",
     "not_tried",
 ]
+_RANGE = 1.96  # standard deviations of a 95 % interval
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
+
+
+@dataclass(frozen=True)
+class ErrorParts:
+    """What the uncertainty of an estimate consists of, each as a standard deviation.
+
+    Attributes
+    ----------
+    noise : float
+        Of the readings' noise and slow drift, with a bench that is known exactly.
+    bench : float
+        Of the uncertainties of the bench and of known effects; with `noise` it is the standard error.
+    undetected : float
+        Of effects that these recordings would not show.
+    middle : float
+        The estimate if the undetected effects have their likeliest sizes.
+    """
+
+    noise: float
+    bench: float
+    undetected: float
+    middle: float
+
+    @property
+    def deviation(self) -> float:
+        """The three together."""
+        return math.hypot(self.noise, self.bench, self.undetected)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval from all three."""
+        return self.middle - _RANGE * self.deviation, self.middle + _RANGE * self.deviation
 
 
 @dataclass(frozen=True)
@@ -52,6 +86,8 @@ class Estimate:
         Estimate and standard error from the data alone; None without a prior, and where they do not determine it.
     source : str
         Where the prior comes from.
+    parts : ErrorParts or None
+        What its uncertainty consists of; None where it was not fitted.
     """
 
     value: float
@@ -60,6 +96,14 @@ class Estimate:
     prior: Prior | None = None
     data: tuple[float, float] | None = None
     source: str = ""
+    parts: ErrorParts | None = None
+
+    @property
+    def conflict(self) -> float | None:
+        """Distance of the data from the prior in their joint standard errors; None without both."""
+        if self.prior is None or self.data is None:
+            return None
+        return abs(self.data[0] - self.prior.mean) / math.hypot(self.data[1], self.prior.deviation)
 
 
 @dataclass(frozen=True)

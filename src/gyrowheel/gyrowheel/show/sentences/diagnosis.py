@@ -16,7 +16,7 @@ from gyrowheel.show.sentences.findings import (
 from gyrowheel.show.sentences.residuals import growth_sentence
 from gyrowheel.show.sentences.setup import problem
 from gyrowheel_core.errors import with_article
-from gyrowheel_core.quantities import decimal, listed, pair, quantity, with_error
+from gyrowheel_core.quantities import decimal, interval, listed, pair, quantity, with_error
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import (
@@ -109,7 +109,10 @@ def verdict_sentence(found: Diagnosis) -> str:
     said += event_sentences(found.events, several=several(found))
     said += [shape_sentence(shape, several=several(found)) for shape in found.drift_shapes]
     drift = drift_sentence(found.drift_scales, shaped=bool(found.drift_shapes or found.events))
-    return " ".join(filter(None, [*said, _verdict(found), drift]))
+    conflicts = (
+        text for finding in found.effects for text in conflict_sentences(finding.name, finding.coefficients)
+    )
+    return " ".join(filter(None, [*said, _verdict(found), *conflicts, drift]))
 
 
 def beyond_sentence(item: Beyond) -> str:
@@ -229,10 +232,39 @@ def _too_little(found: Diagnosis) -> str:
 def evidence(finding: EffectFinding) -> list[str]:
     """Return the evidence for a finding, a sentence each."""
     return [
+        *error_sentences(finding.name, finding.coefficients),
         *prior_sentences(finding.name, finding.coefficients),
         *(f"with all else fitted, {growth_sentence(law)}" for law in finding.growth),
         f"without it χ² is {finding.delta_chi2:.0f} worse, all else fitted again",
         *(f"with {r.name} in its place χ² is {r.delta_chi2:.0f} worse" for r in finding.rivals),
+    ]
+
+
+def error_sentences(effect: str, coefficients: Mapping[str, Estimate]) -> list[str]:
+    """Return what the standard error of every fitted coefficient consists of, and its 95 % interval from all."""
+    said = []
+    for name, e in coefficients.items():
+        if e.parts is None:
+            continue
+        parts = {
+            "standard deviations: noise": e.parts.noise,
+            "bench": e.parts.bench,
+            "effects too small to be seen": e.parts.undetected,
+        }
+        text = interval(*e.parts.interval, parts, e.unit, pure=is_pure(effect, name))
+        said.append(f"95 % interval of {name}: {text}")
+    return said
+
+
+def conflict_sentences(effect: str, coefficients: Mapping[str, Estimate]) -> list[str]:
+    """Return the coefficients whose prior disagrees with the data."""
+    from gyrowheel_analysis.criteria import PRIOR_CONFLICT
+
+    return [
+        f"The prior of {name} disagrees with the data by {e.conflict:.1f} standard errors; without the prior: "
+        f"gyrowheel model fit --prior {effect}.{name}=none."
+        for name, e in coefficients.items()
+        if e.conflict is not None and e.conflict > PRIOR_CONFLICT
     ]
 
 
