@@ -463,11 +463,17 @@ def test_a_model_is_saved_again_under_its_new_name_and_over_no_other(wheel: Whee
     assert line.startswith("# first save the model")
     for _ in range(2):
         assert session.save("better.yaml") == tmp_path / "better.yaml"
+        session.wait(240.0)
     assert 'value="better.yaml"' in part()
     assert "not saved yet" not in part()
     assert needed(session) == []
-    with pytest.raises(gw.InputError, match="exists"):
-        session.save("other.yaml")
+    (tmp_path / "outside.yaml").symlink_to(tmp_path / "none")
+    for taken in ("other.yaml", "outside.yaml"):
+        with pytest.raises(gw.InputError, match="exists"):
+            session.save(taken)
+    for name in ("-rf.yaml", "_.yaml", ".yaml", "a/b.yaml", "a\x1b.yaml", "a.yml"):
+        with pytest.raises(gw.InputError, match="is not allowed; allowed: letters, digits"):
+            session.save(name)
     assert other.read_text(encoding="utf-8") == "mine"
     fresh = Session(Library([wheel.recording.parent]), gw.Model())
     assert needed(fresh) == ["gyrowheel model new --model wheel.yaml"]

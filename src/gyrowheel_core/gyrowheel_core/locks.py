@@ -13,12 +13,13 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from gyrowheel_core.errors import InputError
+from gyrowheel_core.errors import InputError, printable
 from gyrowheel_core.files import disk_errors, locked
 
 #: How long a process waits for another one that changes the same file [s].
 LONGEST_WAIT = 600.0
 _PAUSE = 0.05  # s
+_TOLD = 1.0  # s between two reports
 #: Locked files, and the process and thread that hold each lock.
 _HOLDERS: dict[Path, tuple[int, int]] = {}
 
@@ -40,7 +41,8 @@ def changing(
     wait : float
         How long to wait for another process [s].
     waiting : callable, optional
-        Called once with a line of text, if another process holds the lock.
+        Called with a line of text if another process holds the lock, and again every second. What it raises ends the
+        wait.
 
     Raises
     ------
@@ -57,17 +59,18 @@ def changing(
         yield
         return
     end = time.monotonic() + wait
-    reported = waiting is None
+    told = -_TOLD
 
     def retry() -> None:
-        nonlocal reported
-        if time.monotonic() > end:
+        nonlocal told
+        now = time.monotonic()
+        if now > end:
             raise InputError(
-                f"{file}: another process has been changing it for {wait:.0f} s; nothing was changed"
+                f"{file}: {_holder(place)} has been changing it for {wait:.0f} s; nothing was changed"
             )
-        if waiting is not None and not reported:
-            waiting(f"waiting: another process changes {file}")
-            reported = True
+        if waiting is not None and now > told + _TOLD:
+            waiting(f"waiting: {_holder(place)} changes {file}")
+            told = now
         time.sleep(_PAUSE)
 
     with _lock(place, file, retry):
@@ -76,6 +79,18 @@ def changing(
             yield
         finally:
             del _HOLDERS[place]
+
+
+def _holder(place: Path) -> str:
+    """Return the process that holds a lock file in words; Linux lists the locks with their inodes."""
+    with contextlib.suppress(OSError):
+        inode = place.stat().st_ino
+        for line in Path("/proc/locks").read_text(encoding="utf-8").splitlines():
+            words = line.split()
+            if "FLOCK" in words and words[-3].rpartition(":")[2] == str(inode) and words[-4] != "0":
+                name = Path("/proc", words[-4], "comm").read_text(encoding="utf-8", errors="replace").strip()
+                return f"process {words[-4]} ({printable(name)})"
+    return "another process"
 
 
 @contextlib.contextmanager

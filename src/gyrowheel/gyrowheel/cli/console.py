@@ -220,7 +220,7 @@ def editing(file: Path) -> Iterator[None]:
     """Lock a file against other processes from reading to writing; report if it has to wait."""
     from gyrowheel.show.files import changing
 
-    with changing(file, waiting=lambda text: notes().print(text, soft_wrap=True)):
+    with changing(file, waiting=functools.cache(lambda text: notes().print(text, soft_wrap=True))):
         yield
 
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.investigation.page import end_sentence, investigation_page
 from gyrowheel.investigation.procedure import Course, Listener, Run, Step, pursue
-from gyrowheel.recordings.api import file_hashes
 from gyrowheel.recordings.inputs import Recordings, opened
 from gyrowheel.show.result import Result
 from gyrowheel.simulation.code_identity import code_identity
@@ -23,6 +22,7 @@ from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text, new_folder, read_text
 from gyrowheel_core.journal import Journal, Work, begun, journal
+from gyrowheel_recording.bags.identity import files_of, hashed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -256,7 +256,7 @@ def _near(path: str) -> str:
 
 def _digest_of(recording: Path) -> str:
     """Return a digest of the files of a recording."""
-    return digest(*(f"{Path(own['name']).name} {own['sha256']}" for own in file_hashes(recording)))
+    return digest(*(f"{own.name} {own.sha256}" for own in hashed(files_of(recording))))
 
 
 def _once(run: Run, kept: Journal, key: Path | None) -> Run:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import shlex
 import shutil
 import tempfile
@@ -349,19 +348,6 @@ def explained_by(wrong: Sequence[WrongSetup]) -> Iterator[None]:
         from gyrowheel.show.sentences.setup import setup_line
 
         raise InputError(setup_line(wrong)) from error
-
-
-def file_hashes(recording: Path) -> Iterator[dict[str, Any]]:
-    """Yield the files of a recording, or of the one of a part, with their sizes [bytes] and hashes."""
-    from gyrowheel_recording.bags import parted
-
-    place, _ = parted(recording)
-    files = [place] if place.is_file() else sorted(p for p in place.rglob("*") if p.is_file())
-    for file in files:
-        with file.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256")
-        name = file.name if file == place else str(file.relative_to(place))
-        yield {"name": name, "size": file.stat().st_size, "sha256": digest.hexdigest()}
 
 
 def note_machine(recording: Recording, options: Sequence[str]) -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.investigation.page import end_sentence
-from gyrowheel.recordings.api import file_hashes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,7 +99,7 @@ class ReportContent:
                 {
                     "role": "fitted" if recording in self.fitted else "not used to fit",
                     "info": recording.to_dict(),
-                    "files": list(file_hashes(recording.path)),
+                    "files": [asdict(own) for own in recording.data.certified()],
                 }
                 for recording in self.recordings
             ],

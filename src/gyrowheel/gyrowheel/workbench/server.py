@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import hmac
 import ipaddress
 import json
+import resource
 import secrets
 import socket
 import threading
+import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from importlib import resources
@@ -18,7 +21,7 @@ from typing import Any, BinaryIO
 
 from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPHeaders
-from tornado.iostream import StreamClosedError
+from tornado.iostream import IOStream, StreamClosedError
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, stream_request_body
 
@@ -28,11 +31,14 @@ from gyrowheel.workbench import pictures, views
 from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import json_text
+from gyrowheel_core.files import disk_errors, json_text
 from gyrowheel_core.origin_guard import host_names, in_url, is_loopback, refusal
 from gyrowheel_recording.bags import load_loops
 
 _LARGEST = 1 << 20  # largest request [bytes]
+_PATIENCE = 60.0  # s for the head of a request, and between two of a connection
+_MOST_CONNECTIONS = 200
+_NO_ROOM = 0.05  # s until a connection is tried again that found no free descriptor
 _BEAT = 15.0  # s between heartbeats to a waiting page
 _PARTING = 0.1  # s in which waiting pages learn of the end
 _POLICY = (
@@ -170,8 +176,8 @@ class _Login(_Guarded):
 class _Content(_Guarded):
     """The state of the page, and the numbers of its pictures."""
 
-    def get(self, name: str) -> None:
-        self.put_json(_CONTENT[name](self))
+    async def get(self, name: str) -> None:
+        self.put_json(await asyncio.to_thread(_CONTENT[name], self))
 
 
 _CONTENT: dict[str, Callable[[_Content], Any]] = {
@@ -220,11 +226,12 @@ async def _beats(changed: asyncio.Event) -> AsyncIterator[None]:
 
 
 class _Signal(_Guarded):
-    def get(self) -> None:
+    async def get(self) -> None:
         key, points = self.get_query_argument("key"), self.number("points")
         if not 0.0 < points < 1e6:
             raise InputError(f"points: {points:g}; allowed: 1 .. 1e6")
-        content = pictures.signal(self.session, key, self.number("from"), self.number("until"), int(points))
+        first, last = self.number("from"), self.number("until")
+        content = await asyncio.to_thread(pictures.signal, self.session, key, first, last, int(points))
         self.set_header("Content-Type", "application/octet-stream")
         self.finish(content)
 
@@ -245,6 +252,7 @@ class _Table(_Guarded):
 
     _file: BinaryIO | None = None
     _place: Path | None = None
+    _failure: InputError | None = None  # while the request is still coming
 
     def prepare(self) -> None:
         super().prepare()
@@ -254,27 +262,45 @@ class _Table(_Guarded):
             raise HTTPError(415, reason="only application/octet-stream is taken")
         self.request.connection.set_max_body_size(LARGEST_TABLE)  # type: ignore[union-attr]
         self._place = self.session.place_for(self.get_query_argument("name"))
-        self._file = self._place.open("wb")
+        with disk_errors(self._place):
+            self._file = self._place.open("wb", buffering=0)
 
-    def data_received(self, chunk: bytes) -> None:
-        """Write a piece."""
-        if self._file is not None:
-            self._file.write(chunk)
+    async def data_received(self, chunk: bytes) -> None:
+        """Write a piece; after an error the rest of the request passes unread."""
+        if self._file is not None and self._place is not None:
+            try:
+                with disk_errors(self._place):
+                    await asyncio.to_thread(_write, self._file, chunk)
+            except InputError as error:
+                self._failure = error
+                self._drop()
 
-    def post(self) -> None:
+    async def post(self) -> None:
         """Read the complete table."""
+        if self._failure is not None:
+            raise self._failure
         if self._file is not None and self._place is not None:
             self._file.close()
-            self.session.look(self._place)
             self._file = None
+            await asyncio.to_thread(self.session.look, self._place)
         self.put_json({})
 
     def on_connection_close(self) -> None:
         """Remove an incomplete table."""
+        self._drop()
+
+    def _drop(self) -> None:
         if self._file is not None and self._place is not None:
             self._file.close()
             self._place.unlink(missing_ok=True)
             self._file = None
+
+
+def _write(file: BinaryIO, chunk: bytes) -> None:
+    """Write a piece completely: a file without a buffer may take less."""
+    rest = memoryview(chunk)
+    while rest:
+        rest = rest[file.write(rest) :]
 
 
 class _Preview(_Guarded):
@@ -290,14 +316,18 @@ class _Preview(_Guarded):
 class _Help(_Guarded):
     """The help page, and one page for each effect."""
 
-    def get(self, name: str | None = None) -> None:
-        self.finish(views.help_page() if name is None else views.effect_page(self.session, name))
+    async def get(self, name: str | None = None) -> None:
+        self.finish(
+            await asyncio.to_thread(
+                lambda: views.help_page() if name is None else views.effect_page(self.session, name)
+            )
+        )
 
 
 class _Action(_Guarded):
     """An action of the user, as JSON."""
 
-    def post(self, name: str) -> None:
+    async def post(self, name: str) -> None:
         if self.request.headers.get("Content-Type", "").partition(";")[0].strip() != "application/json":
             raise HTTPError(415, reason="only application/json is taken")
         try:
@@ -308,7 +338,7 @@ class _Action(_Guarded):
             raise InputError("request: must be an object of texts")
         if any("\ud800" <= c <= "\udfff" for value in given.values() for c in value):
             raise InputError("request: halves of characters are no text")
-        self.put_json(self._do(name, given) or {})
+        self.put_json(await asyncio.to_thread(self._do, name, given) or {})
 
     def _do(self, name: str, given: dict[str, str]) -> dict[str, Any] | None:
         session = self.session
@@ -400,6 +430,36 @@ def application(session: Session, access: Access) -> Application:
     )
 
 
+class _Listening(socket.socket):
+    """A socket that listens: without a free descriptor it waits, where the loop would ask again at once."""
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        try:
+            return super().accept()
+        except OSError as error:
+            if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                raise
+            time.sleep(_NO_ROOM)
+            raise BlockingIOError from None
+
+
+class _Connections(HTTPServer):
+    """A server of a limited number of connections: the newest ones, as the page opens one whenever it needs it."""
+
+    def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
+        """Serve a connection, and close the oldest ones beyond the limit."""
+        self._streams: list[IOStream] = [own for own in getattr(self, "_streams", ()) if not own.closed()]
+        self._streams.append(stream)
+        for own in self._streams[: -_most_connections()]:
+            own.close()
+        super().handle_stream(stream, address)
+
+
+def _most_connections() -> int:
+    """Return how many connections are open at most: half of the descriptors are for files."""
+    return max(min(_MOST_CONNECTIONS, resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2), 4)
+
+
 def _load() -> None:
     """Load the compiled reader of large recordings; its errors appear at the first of them."""
     with contextlib.suppress(Exception):
@@ -428,7 +488,7 @@ class Server:
         try:
             if _is_every(place):
                 raise InputError(f"address: {address!r} is every address; name one of this computer")
-            self._sockets = bind_sockets(port, place)
+            self._sockets = [_Listening(fileno=own.detach()) for own in bind_sockets(port, place)]
         except (OSError, UnicodeError) as error:
             why = getattr(error, "strerror", None) or error
             raise InputError(f"port {port} of {address} cannot be used: {why}") from None
@@ -463,8 +523,11 @@ class Server:
 
     async def _serve(self) -> None:
         self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
-        server = HTTPServer(
-            application(self.session, self.access), max_body_size=_LARGEST, max_buffer_size=2 * _LARGEST
+        server = _Connections(
+            application(self.session, self.access),
+            max_body_size=_LARGEST,
+            max_buffer_size=2 * _LARGEST,
+            idle_connection_timeout=_PATIENCE,
         )
         server.add_sockets(self._sockets)
         self._ready.set()

@@ -6,6 +6,7 @@ All browsers share one session: two pages show the same, and closing a page ends
 from __future__ import annotations
 
 import contextlib
+import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,8 @@ from gyrowheel.workbench.jobs import Jobs, Work
 from gyrowheel.workbench.library import ROLES, Library, Opened, Role
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError, nearest
-from gyrowheel_core.files import new_folder
+from gyrowheel_core.files import disk_errors, new_folder
+from gyrowheel_core.locks import changing
 from gyrowheel_sim.effects import Effect
 
 #: Name of the file of a model that was not read from one.
@@ -261,11 +263,14 @@ class Session(Jobs):
         """Return the file for a table from a browser."""
         with self.lock:
             self.require_idle()
-            if self._scratch is None:
-                self._scratch = tempfile.TemporaryDirectory(prefix="gyrowheel-")
-            self._looks += 1
-            folder = Path(self._scratch.name) / str(self._looks)
-            folder.mkdir()
+            with disk_errors(Path(tempfile.gettempdir())):
+                if self._scratch is None or not os.path.isdir(self._scratch.name):
+                    self._scratch = tempfile.TemporaryDirectory(
+                        prefix="gyrowheel-", ignore_cleanup_errors=True
+                    )
+                self._looks += 1
+                folder = Path(self._scratch.name) / str(self._looks)
+                folder.mkdir()
             return folder / tables.file_name(name)
 
     def look(self, file: Path) -> None:
@@ -342,27 +347,37 @@ class Session(Jobs):
         self.changed()
 
     def save(self, name: str) -> Path:
-        """Write the model into the folder of its file, or of the recordings.
+        """Write the model into the folder of its file, or of the recordings, as soon as no other process changes it.
 
         InputError for any name but that of a model file, or a file that exists and was neither opened nor saved here.
         """
         folder = self.library.first if self.file is None else self.file.parent
         letters = all(c.isalnum() or c in "._-" for c in name) and len(name.encode()) <= _LONGEST_NAME
-        if not name.endswith(".yaml") or not letters or name[0] == ".":
+        if not name.endswith(".yaml") or not letters or not name[0].isalnum():
             raise InputError(
                 f"name: {name[:_LONGEST_NAME]!r} is not allowed; allowed: letters, digits, _ and -, then .yaml, "
-                f"{_LONGEST_NAME} bytes at most"
+                f"{_LONGEST_NAME} bytes at most, a letter or digit first"
             )
-        path = folder / name
-        if path.exists() and path.resolve() not in self._own_files:
-            raise InputError(f"name: {path} exists; choose another one")
-        with self.lock:
-            self.require_idle()
-            self.step.model.save(path)
-            self.file, self.saved, self.kept = path, str(path), self.step.model
+        path, model = folder / name, self.step.model
+
+        def require_free() -> None:
+            # a link that leads nowhere is there, too
+            if os.path.lexists(path) and path.resolve() not in self._own_files:
+                raise InputError(f"name: {path} exists; choose another one")
+
+        def saved() -> None:
+            self.file, self.saved, self.kept = path, str(path), model
             self.report = None  # its commands name another file
             self._own_files.add(path.resolve())
-        self.changed()
+
+        def work(at: Work) -> None:
+            with changing(path, waiting=lambda text: at.say(f"{text}; end this to save under another name")):
+                at.change(require_free)  # nothing is written once the user has ended it
+                model.save(path)
+                at.change(saved)
+
+        require_free()
+        self._begin(f"saving {name}", "save", work)
         return path
 
     def shut(self) -> None:

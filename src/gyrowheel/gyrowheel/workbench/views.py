@@ -171,8 +171,15 @@ def _recordings(session: Session) -> dict[str, Any]:
                 "when": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.changed)),
                 "role": "" if own is None else own.role,
                 "facts": "; ".join(_facts(own.recording.info)) if own and described else "",
+                "changed": own is not None and own.recording.data.is_changed,
             }
         )
+    listed = {row["key"] for row in rows}
+    rows += [
+        {"key": key, "name": own.recording.name, "size": "no longer there", "role": own.role, "changed": True}
+        for key, own in list(session.opened.items())
+        if key not in listed
+    ]
     return {
         "rows": rows,
         "more": more,
@@ -219,6 +226,9 @@ def _missing(session: Session) -> dict[str, Any]:
     inside = set(model.effects)
     shared: dict[str, Any] = {
         "ready": bool(session.used(ROLES[0])),
+        "changed": [
+            own.recording.name for own in list(session.opened.values()) if own.recording.data.is_changed
+        ],
         "busy": session.job is not None,
         "added": model.added is not None,
         "effects": sorted(name for name in registry() if name not in inside),

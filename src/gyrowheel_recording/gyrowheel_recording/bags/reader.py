@@ -19,6 +19,7 @@ from gyrowheel_core.arrays import by_blocks, picked
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings, possible
 from gyrowheel_recording.bags.columns import STALL, columns, is_earlier, texts, wanted
+from gyrowheel_recording.bags.identity import FileState, HashedFile, files_of, hashed, same
 from gyrowheel_recording.bags.mcap.records import load_walk
 from gyrowheel_recording.bags.mcap.topics import Want
 from gyrowheel_recording.bags.read_bag import read_bag
@@ -29,6 +30,8 @@ from gyrowheel_sim.environment import Environment
 
 _COLUMNS = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT, topics.DRAG_ESTIMATE)
 _TEXTS = (topics.ENVIRONMENT, topics.BENCH)
+_ARRAYS = ("measurement", "command", "setpoint", "drag_estimate")
+_OTHERS = ("environment", "bench_text")
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,8 @@ class Recording:
     part : (float, float)
         Between which times steady motion is looked for [s from the start]. All samples are kept, since what came before
         has warmed the machine.
+    files : tuple of FileState
+        The files that it was read from, in the states that they had then.
     """
 
     path: Path
@@ -92,6 +97,7 @@ class Recording:
     unchecked: int = 0
     namespace: str = ""
     part: tuple[float, float] = WHOLE
+    files: tuple[FileState, ...] = field(default=(), repr=False)
 
     @classmethod
     def open(cls, directory: str | Path) -> Recording:
@@ -112,7 +118,10 @@ class Recording:
         where = str(path)
         asked: dict[str, Want | None] = {topic.name: None for topic in _TEXTS}
         asked |= {topic.name: wanted(topic.layout) for topic in _COLUMNS if topic.layout}
+        files = files_of(path)
         found = read_bag(path, AnyNamespace(asked))
+        if not same(files, path):
+            raise InputError(f"{path}: was changed while it was read")
         counts = {name: topic.count for name, topic in sorted(found.items())}
         namespace = bench_in(counts, where)
         used = {topic: found.get(topic.within(namespace)) for topic in (*_COLUMNS, *_TEXTS)}
@@ -141,6 +150,7 @@ class Recording:
             _integrity=integrity,
             unchecked=sum(topic.unchecked for topic in found.values()),
             part=part,
+            files=files,
         )
 
     @property
@@ -218,6 +228,32 @@ class Recording:
     def integrity(self) -> Integrity:
         """Return which samples are missing or faulty."""
         return self._integrity
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether a file that it was read from has been changed, exchanged or removed since."""
+        return not same(self.files, parted(self.path)[0])
+
+    def certified(self) -> tuple[HashedFile, ...]:
+        """Return the files that it was read from with their hashes.
+
+        Raises
+        ------
+        InputError
+            If their content is no longer what was read.
+        """
+        place = parted(self.path)[0]
+        files = files_of(place)
+        if not set(self.files) <= set(files):
+            try:
+                again = Recording.open(self.path)
+            except InputError as error:
+                raise InputError(f"{self.path}: was changed after it was read: {error}") from None
+            kept = all(getattr(self, name).tobytes() == getattr(again, name).tobytes() for name in _ARRAYS)
+            if not kept or any(getattr(self, name) != getattr(again, name) for name in _OTHERS):
+                raise InputError(f"{self.path}: was changed after it was read; read it again")
+            files = again.files
+        return hashed(files)
 
 
 def load_loops() -> None:

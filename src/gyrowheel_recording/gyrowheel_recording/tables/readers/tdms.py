@@ -26,7 +26,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     columns: list[Column] = []
     clocks: dict[tuple[Any, ...], str] = {}
     remarks: list[str] = []
-    # opened here: of a path npTDMS would take what an index file next to it says, which may be of another recording
+    # opened here, and below: of a path npTDMS takes what an index file next to it says, be it of another recording
     with library_errors(path), path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
         _require_scales(file.properties, path)
         channels = []
@@ -125,11 +125,8 @@ def _parts(nptdms: Any, path: Path) -> dict[str, list[_Part]]:
                     if not several or several[-1][1:] != part[1:]:
                         several.append(part)
 
-    reader = Reader(str(path))
-    try:
-        reader.read_metadata()
-    finally:
-        reader.close()
+    with path.open("rb") as opened:
+        Reader(opened).read_metadata()
     return found
 
 
