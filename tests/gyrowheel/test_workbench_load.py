@@ -38,7 +38,8 @@ with changing(Path(sys.argv[1])):
 def server(wheel: Wheel, tmp_path: Path) -> Iterator[Server]:
     """Serve recordings and a model of which each test has its own copy."""
     shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
-    model = shutil.copy(wheel.model, tmp_path / "model.yaml")
+    model = tmp_path / "model.yaml"
+    shutil.copy(wheel.model, model)
     with Server(Session(Library([tmp_path / "runs"]), gw.Model.load(model), model), port=0) as own:
         yield own
 
