@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from copy import copy
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -102,6 +103,26 @@ def test_every_wrong_reading_is_reported_with_its_size_and_nothing_else(imperfec
 def test_stated_or_absent_deviations_are_not_reported(imperfect: Recording, right: Recording) -> None:
     assert not found(right)
     assert not found(imperfect, BENCH.with_values(WRONG))
+
+
+@pytest.mark.parametrize("kind", ["heavy_tails", "bursts"])
+def test_noise_that_is_not_gaussian_is_reported_and_is_no_effect(right: Recording, kind: str) -> None:
+    random = np.random.default_rng(8)
+    rough = copy(right)
+    measured = right.measurement.copy()
+    for name, noise in (("tilt_x", 2e-5), ("tilt_y", 2e-5), ("motor_current", 5e-3)):
+        if kind == "heavy_tails":
+            measured[name] += noise * random.standard_t(3, len(measured))
+        else:
+            for start in random.integers(0, len(measured) - 40, 12):
+                measured[name][start : start + 40] += 20.0 * noise * random.standard_normal(40)
+    vars(rough).pop("readings", None)  # cached
+    vars(rough).update(measurement=measured)
+    reported = found(rough)
+    assert set(reported) == {"tilt_noise", "motor_current_noise"}
+    for item in reported.values():
+        assert (item.quantity, item.remark) == ("outliers", kind)
+        assert 2e-4 < item.value < 0.03
 
 
 def test_stated_but_absent_deviations_are_reported(right: Recording) -> None:

@@ -242,6 +242,15 @@ HUM_LEVEL: Final = 1.15
 CLEAR_HUM: Final = 5.0
 CLEAR_READING: Final = 5.0
 CLEAR_HIDDEN_JITTER: Final = 8.0
+#: Robust standard deviations beyond which noise has an outlier (Gaussian noise: one in 2 million), the share of them,
+#: their number, and the number of blocks of samples with one, from which on noise is not Gaussian. Lower takes single
+#: motions for noise, higher leaves bursts unreported.
+OUTLIER: Final = 5.0
+OUTLIER_SHARE: Final = 2.0e-4
+FEWEST_OUTLIERS: Final = 20
+OUTLIER_BLOCKS: Final = 5
+#: Outliers that follow each other, on average, from which on they come in bursts.
+BURST_OUTLIERS: Final = 3.0
 #: Parts of the noise of a reading from which on a hum, a step, a jitter and a hidden jitter count.
 HUM_PART: Final = 0.02
 STEP_PART: Final = 0.1

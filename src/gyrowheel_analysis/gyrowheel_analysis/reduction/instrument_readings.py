@@ -5,6 +5,7 @@ They cause no torque, so they are no effects and do not change the verdict. They
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import (
+    BURST_OUTLIERS,
     CLEAR_HIDDEN_JITTER,
     CLEAR_READING,
     CLOCK_RATE,
@@ -27,8 +29,10 @@ from gyrowheel_analysis.criteria import (
 )
 from gyrowheel_analysis.reduction.clock import Stamps, read_stamps
 from gyrowheel_analysis.reduction.hum import Line, find_lines, hum_variance, unobservable
+from gyrowheel_analysis.reduction.outliers import Outliers, outliers
 from gyrowheel_analysis.reduction.quality import READING_NOISES, readable
 from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import steady_spans
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_sim.bench import Bench
@@ -105,6 +109,8 @@ class Shown:
         Step of each reading that changes by whole steps, by reading [SI].
     noise : dict of str to float
         White noise of the readings, by its name in the bench file [SI].
+    outliers : dict of str to Outliers
+        Outliers of the readings whose noise is not Gaussian, by channel.
     stamps : Stamps or None
         The clock by its stamps.
     spin : float
@@ -117,6 +123,7 @@ class Shown:
     hum_unknown: str = ""
     steps: dict[str, float] = field(default_factory=dict)
     noise: dict[str, float] = field(default_factory=dict)
+    outliers: dict[str, Outliers] = field(default_factory=dict)
     stamps: Stamps | None = None
     spin: float = 0.0
     commanded: bool = False
@@ -168,13 +175,14 @@ def look(data: Samples, windows: Windows, bench: Bench) -> Shown:
         unobservable(windows, bench.value("mains_frequency")),
         steps(data.readings),
         dict(zip(READING_NOISES, windows.reading_noise[0].tolist(), strict=True)),
+        outliers(data, [(start, stop) for start, stop, *_ in steady_spans(data)], period),
         stamps,
         float(windows.mean_spin.max()),
         data.commanded is not None,
     )
 
 
-Remark = Literal["", "sampled", "stamped", "hidden", "stamps_off", "sampling_off"]
+Remark = Literal["", "heavy_tails", "bursts", "sampled", "stamped", "hidden", "stamps_off", "sampling_off"]
 
 
 @dataclass(frozen=True)
@@ -188,7 +196,7 @@ class ReadingFinding:
     channel : str
         The reading, ``mains`` or ``clock``.
     quantity : str
-        ``hum``, ``resolution``, ``frequency``, ``jitter`` or ``rate_error``.
+        ``hum``, ``resolution``, ``outliers``, ``frequency``, ``jitter`` or ``rate_error``.
     value, standard_error : float
         Estimate from the samples [`unit`].
     stated : float
@@ -196,7 +204,7 @@ class ReadingFinding:
     unit : str
         SI unit.
     delta_chi2 : float or None
-        Square of the difference in standard errors; None for steps, which are certain.
+        Square of the difference in standard errors; None for steps and outliers, which are certain.
     recording : str
         The recording that shows it most clearly.
     frequency : float or None
@@ -204,9 +212,10 @@ class ReadingFinding:
     multiple : int
         Multiple of the mains frequency.
     remark : str
-        Of jitter: the samples are taken at their stamps (``sampled``), only the stamps scatter (``stamped``), or the
-        samples jitter and the stamps do not show it (``hidden``). Of the rate: the reading of the speed agrees with the
-        count of the samples (``stamps_off``) or with the stamps (``sampling_off``).
+        Of outliers: they come one by one (``heavy_tails``) or in ``bursts``. Of jitter: the samples are taken at their
+        stamps (``sampled``), only the stamps scatter (``stamped``), or the samples jitter and the stamps do not show it
+        (``hidden``). Of the rate: the reading of the speed agrees with the count of the samples (``stamps_off``) or
+        with the stamps (``sampling_off``).
     """
 
     name: str
@@ -243,9 +252,16 @@ def reading_findings(shown: Sequence[Shown], names: Sequence[str], bench: Bench)
     """Return the deviations of the instruments from the bench as stated, given the `shown` ones of recordings."""
     clearest: dict[tuple[str, int, float], ReadingFinding] = {}
     for own, name in zip(shown, names, strict=True):
-        for item in (*_hums(own, name, bench), *_steps(own, name, bench), *_clock(own, name, bench)):
+        every = (
+            _hums(own, name, bench),
+            _steps(own, name, bench),
+            _outliers(own, name),
+            _clock(own, name, bench),
+        )
+        for item in itertools.chain(*every):
             key = (item.name, item.multiple, round(item.frequency or 0.0, -1))
-            if key not in clearest or (item.delta_chi2 or 0.0) > (clearest[key].delta_chi2 or 0.0):
+            known = clearest.get(key)
+            if known is None or (item.delta_chi2 or item.value) > (known.delta_chi2 or known.value):
                 clearest[key] = item
     return ReadingFindings(
         tuple(clearest.values()),
@@ -305,6 +321,26 @@ def _steps(own: Shown, recording: str, bench: Bench) -> list[ReadingFinding]:
             result.append(
                 ReadingFinding(name, channel, "resolution", step, 0.0, stated, unit, None, recording)
             )
+    return result
+
+
+def _outliers(own: Shown, recording: str) -> list[ReadingFinding]:
+    result = []
+    for channel, shown in own.outliers.items():
+        remark: Remark = "bursts" if shown.together >= BURST_OUTLIERS else "heavy_tails"
+        finding = ReadingFinding(
+            f"{channel}_noise",
+            channel,
+            "outliers",
+            shown.share,
+            0.0,
+            0.0,
+            "1",
+            None,
+            recording,
+            remark=remark,
+        )
+        result.append(finding)
     return result
 
 

@@ -122,6 +122,10 @@ def reading_sentence(found: ReadingFinding) -> str:
         if found.value == 0.0:
             return f"The {name} does not go in steps; stated {stated}."
         return f"The {name} goes in steps of {quantity(found.value, found.unit)}; stated {stated}."
+    if found.quantity == "outliers":
+        kind = "come in bursts" if found.remark == "bursts" else "come one by one: the noise has heavy tails"
+        share = quantity(found.value, "1", digits=2)
+        return f"{share} of the readings of the {name} lie beyond 5 standard deviations of its noise; they {kind}."
     remark = _REMARKS[found.remark]
     if found.quantity == "jitter":
         whose = "The sampling instants" if found.remark == "hidden" else "The stamps"
