@@ -23,6 +23,7 @@ from gyrowheel.show.sentences.residuals import (
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS, DRIFTS
 from gyrowheel_analysis.criteria import SIGNIFICANT
+from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_analysis.reduction.windows import direction_groups, masks, octants, speed_groups
@@ -89,7 +90,7 @@ def residual(part: str, values: Any, rows: Any = None) -> tuple[Any, WindowResid
     rows = np.zeros(len(p.measured)) if rows is None else rows.copy()
     for row, own in zip(CHANNELS[part].rows, (np.real, np.imag), strict=False):
         rows[balance.row(row)] += own(values)
-    return rows, window_residuals(p.balances, balance.windows, rows, p.noise.deviation())
+    return rows, window_residuals(p.balances, balance.windows, rows, p.noise)
 
 
 def judge(rows: Any, data: WindowResiduals, drift: float = 1.0) -> tuple[Any, Any]:
@@ -337,7 +338,7 @@ def test_the_speed_is_named_where_the_temperature_hardly_varies(part: str) -> No
     law += 4e-5 * np.exp(3j * np.angle(w.mean_tilt)) * (np.abs(w.mean_tilt) > 0.01)
     for row, own in zip(CHANNELS[part].rows, (np.real, np.imag), strict=True):
         rows[balance.row(row)] += own(law)
-    data = window_residuals([balance], w, rows, p.noise.deviation())
+    data = window_residuals([balance], w, rows, p.noise)
     found = dependences(data, [balance], rows, lambda values: (values.T / p.noise.deviation()).T)
     stated = [test for test in found if test.part == part and test.stated]
     assert max(stated, key=lambda test: test.share_beside).variable == "speed"
@@ -354,7 +355,7 @@ def test_plainest_of_equivalent_variables_is_chosen_and_the_other_named() -> Non
         own = Balance(replace(balance.windows, coil_temperature=warm), BENCH)
         rows = rng.normal(size=len(p.measured)) * p.noise.deviation()
         rows[own.row("tilt_x")] += 1e-4 * (warm - warm.mean()) / np.std(warm)
-        data = window_residuals([own], own.windows, rows, p.noise.deviation())
+        data = window_residuals([own], own.windows, rows, p.noise)
         found = dependences(data, [own], rows, lambda values: (values.T / p.noise.deviation()).T)
         tests = {test.variable: test for test in found if test.part == "tilt"}
         assert tests["speed"].stated
@@ -374,7 +375,7 @@ def test_autocorrelation_of_small_residuals_is_detected() -> None:
     rows = np.random.default_rng(5).normal(size=len(p.measured)) * p.noise.deviation() * 0.5
     own = p.balances[0].row("voltage_ripple_x")
     rows[own] = 1.2 * p.noise.deviation()[own] * np.sin(np.arange(count) * 2.0 * math.pi / 9.0)
-    data = window_residuals(p.balances, p.balances[0].windows, rows, p.noise.deviation())
+    data = window_residuals(p.balances, p.balances[0].windows, rows, p.noise)
     found, white = judge(rows, data)
     (ripple,) = (w for w in white if w.part == "voltage_ripple")
     assert ripple.p_size > 0.05
@@ -387,7 +388,7 @@ def test_few_windows_give_no_dependence_test() -> None:
     (balance,) = p.balances
     few = Balance(balance.windows.select(slice(0, 4)), BENCH)
     small = Problem.of([few], BENCH)
-    data = window_residuals([few], few.windows, small.measured * 0.0, small.noise.deviation())
+    data = window_residuals([few], few.windows, small.measured * 0.0, small.noise)
     assert dependences(data, [few], np.zeros(len(few)), small.noise.whiten) == []
     assert whiteness(data, [few], np.zeros(len(few))) == []
     assert regions(replace(data, parts=data.parts), BENCH)
@@ -399,7 +400,7 @@ def test_averages_alone_have_maps_and_sentences() -> None:
     balance = Balance(windows, BENCH, harmonics=False)
     rows = np.zeros(len(balance))
     rows[balance.row("spin")] = 4e-4
-    data = window_residuals([balance], windows, rows, np.full(len(rows), 2e-5))
+    data = window_residuals([balance], windows, rows, Noise(((),), (np.full(len(rows), 2e-5),), {}))
     assert set(data.parts) == {"tilt", "spin", "motor_voltage"}
     assert grows(data) == ["the motor torque is 0.40 mN·m above the model, the same at every speed"]
     assert len(residual_map(data).cells) > 3

@@ -118,12 +118,12 @@ def test_a_picture_replaces_only_pictures(gyrowheel: Shell, wheel: Wheel, tmp_pa
     assert not (tmp_path / "run").exists()
 
 
-def longest(windows: int, wrong: float, noise: float) -> float:
+def longest(windows: int, wrong: float, noise: float, *, wrong_there: bool = False) -> float:
     """Return the longest arrow of what is wrong, in degrees, where one window of twelve is noisy."""
     values = np.full(windows, wrong, dtype=complex)
     sigma = np.full(windows, 1e-5)
-    values[::12], sigma[::12] = noise, noise
-    part = Part(CHANNELS["tilt"], values, sigma)
+    values[::12], sigma[::12] = (10.0 if wrong_there else 1.0) * noise, noise
+    part = Part(CHANNELS["tilt"], values, sigma, np.abs(values) ** 2 / sigma**2)
     data = SimpleNamespace(parts={"tilt": part}, windows=SimpleNamespace(mean_tilt=np.full(windows, 4 * DEG)))
     return wrong * _arrow_scale(data)  # type: ignore[arg-type]
 
@@ -132,5 +132,7 @@ def test_arrow_lengths_follow_the_misfit_and_not_the_noise() -> None:
     assert longest(48, 1e-4, 1e-5) == pytest.approx(0.55 * 4.0)
     # a noisy window does not make the others short
     assert longest(48, 1e-4, 1e-2) == pytest.approx(0.55 * 4.0)
+    # nor does one that is wrong
+    assert longest(48, 1e-4, 1e-2, wrong_there=True) == pytest.approx(0.55 * 4.0)
     # noise alone has short arrows
     assert longest(48, 1e-5, 1e-5) == pytest.approx(0.12 * 4.0)

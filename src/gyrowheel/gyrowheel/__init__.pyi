@@ -12,8 +12,10 @@ from gyrowheel.catalogue.api import own_effect as own_effect
 from gyrowheel.catalogue.api import plans as plans
 from gyrowheel.comparison.api import Comparison as Comparison
 from gyrowheel.comparison.api import ModelComparison as ModelComparison
+from gyrowheel.comparison.api import SetComparison as SetComparison
 from gyrowheel.comparison.api import compare as compare
 from gyrowheel.comparison.api import compare_models as compare_models
+from gyrowheel.comparison.api import compare_sets as compare_sets
 from gyrowheel.diagnosis.api import Diagnosis as Diagnosis
 from gyrowheel.diagnosis.api import diagnose as diagnose
 from gyrowheel.drag_comparison.api import Drag as Drag

@@ -12,6 +12,7 @@ import numpy as np
 from gyrowheel_analysis.criteria import DOUBTFUL, MOVED, UNCONSTRAINED
 from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.events import accepted, as_events, beside_events, unused_events, with_sizes
+from gyrowheel_analysis.diagnosis.explanation import explained
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import prove
 from gyrowheel_analysis.diagnosis.result import DatedEvent, Estimate, Proof
@@ -120,22 +121,21 @@ def add_effect(
     terms, declared = _asked(model, start, names)
     if not terms and not air:
         raise InputError("no effect given")
-    prepared = prepare(fit, start, validate=validate, progress=progress)
+    explanation = explained(prepare(fit, start, validate=validate, progress=progress), fit, progress)
     if progress:
         progress("fitting")
-    first = prepared.problem.fit(terms)
-    if declared:
-        prepared = replace(prepared, problem=prepared.problem.with_drift_estimated(first))
-    else:
-        prepared = prepared.reweighed(first)
-    happened = accepted(prepared.problem, prepared.problem.fit(terms), fit)
-    prepared = replace(prepared, problem=beside_events(prepared.problem, terms, happened))
-    problem = prepared.problem
-    before, after = _before(model, problem, air), problem.refined(problem.fit(terms))
+    prepared = explanation.weighed
+    # a new law may explain what else would pass for an event
+    happened = (
+        accepted(prepared.problem, prepared.problem.fit(terms), fit) if declared else explanation.happened
+    )
+    problem = beside_events(prepared.problem, terms, happened).with_scales(explanation.problem.noise.scales)
+    prepared = replace(prepared, problem=problem)
+    before, after = _before(model, explanation.problem, air), problem.refined(problem.fit(terms))
     events = with_sizes(problem, after, happened, [str(r.path) for r in fit])
     if prepared.validation is not None:
         events += unused_events(prepared.validation.problem, after, validate)
-    errors = errors_of(before, after, prepared)
+    errors = errors_of(before, after, prepared, explanation.problem.noise)
     coefficients = {term.name: estimates(problem, term, after) for term in terms}
     doubts = _doubts(problem, after, terms, air)
     for name, found, own_doubts in _found_air(problem, after, air):
@@ -294,8 +294,7 @@ def _before(model: Model, problem: Problem, air: Mapping[str, Mapping[str, tuple
     unknowns = Unknowns(
         problem.bench, model.effects, model.effect_errors, model.declared, problem.unknowns.assumed
     )
-    own = Problem.of(problem.balances, unknowns).with_events(problem.events)
-    fit = own.with_scales(problem.noise.scales).fit_within()
+    fit = Problem.of(problem.balances, unknowns).with_noise(problem.noise).fit_within()
     # no air: every size lies as many uncertainties from the stated one as take it to zero
     amplitudes = {name: {c.name for c in get(name).amplitudes} for name in air}
     none = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.criteria import FAILING_CHI2
+from gyrowheel_analysis.diagnosis.events import with_sizes
+from gyrowheel_analysis.diagnosis.explanation import explained
+from gyrowheel_analysis.diagnosis.result import DatedEvent
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -26,12 +30,12 @@ from gyrowheel_analysis.residuals.dependence import (
     whiteness,
 )
 from gyrowheel_analysis.residuals.error_table import (
+    ChannelError,
     ErrorRow,
     Residuals,
     WindowResiduals,
     channel_rms,
     channel_values,
-    channels_of,
     error_row,
     errors_of,
     window_residuals,
@@ -49,17 +53,18 @@ class ChannelMetrics:
     Attributes
     ----------
     rms : float
-        Root mean square of the residual, of an amplitude its modulus [unit of the channel, see `channels.LISTED`].
+        Root mean square of the residual, of an amplitude its modulus, every window weighted with the inverse variance
+        of its noise [unit of the channel, see `channels.LISTED`].
     noise_floor_rms : float
-        Residual that a complete model would leave [the same unit].
+        The same of the noise: what a complete model would leave [the same unit].
     fit_percent : float
-        100 (1 - |residual| / |measured - mean|); 100 is perfect.
+        100 (1 - |residual| / |measured - mean|), weighted like the RMS; 100 is perfect.
     theil : float
-        Theil's inequality coefficient, 0 (perfect) .. 1.
+        Theil's inequality coefficient, 0 (perfect) .. 1, weighted like the RMS.
     theil_bias, theil_variance, theil_covariance : float
         Its parts: difference of means, difference of standard deviations, everything else; they sum to 1.
     chi2_per_n : float
-        Mean square of the residual in units of its noise.
+        Mean square of the whitened residual, see `residuals.error_table.ChannelError`.
     """
 
     rms: float
@@ -106,6 +111,8 @@ class Comparison:
         Deviations of the instruments that the samples show.
     hum_unknown : tuple of (str, str)
         Recordings in which hum at the stated mains frequency cannot be measured, and why (`hum.unobservable`).
+    events : tuple of DatedEvent
+        Changes in the middle of a recording; the residual is without them.
     """
 
     channels: Mapping[str, ChannelMetrics]
@@ -122,6 +129,7 @@ class Comparison:
     coverage: Coverage
     readings: tuple[ReadingFinding, ...] = ()
     hum_unknown: tuple[tuple[str, str], ...] = ()
+    events: tuple[DatedEvent, ...] = ()
 
     @property
     def worst(self) -> float:
@@ -143,30 +151,35 @@ class Comparison:
 def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None) -> Comparison:
     """Compare a model with recordings.
 
-    The bench's uncertain parameters are estimated within their stated uncertainties, so that the remainder is
-    the part that the model cannot explain; `Comparison.raw_rms` has the error of the model in its file.
+    The noise is that of the recordings once everything is explained that a diagnosis finds: else a law that the model
+    lacks would pass for a drift. Events are taken out of the residual, the effects found are not. The bench's uncertain
+    parameters are estimated within their stated uncertainties, so that the remainder is the part that the model cannot
+    explain; `Comparison.raw_rms` has the error of the model in its file.
 
     Raises
     ------
     InputError
         If a recording has too little steady motion to compare anything.
     """
-    prepared = prepare(recordings, model, progress=progress)
-    problem = prepared.problem
-    fit = problem.fit_within()
+    explanation = explained(prepare(recordings, model, progress=progress), recordings, progress)
+    prepared, problem, fit = explanation.fitted, explanation.problem, explanation.before
     data = residual_data(prepared, fit)
     errors = errors_of(fit, fit, prepared)
     effects = problem.unknowns.effects(problem.unknowns.stated())
-    raw = problem.measured - np.concatenate(
-        [b.predicted(model.bench.values(), effects) for b in problem.balances]
-    )
+    balances = explanation.weighed.problem.balances
+    raw = np.concatenate([b.measured - b.predicted(model.bench.values(), effects) for b in balances])
     white = problem.noise.whiten(fit.residual)
     tests = dependences(data, problem.balances, fit.residual, problem.noise.whiten)
     noise = whiteness(data, problem.balances, white)
     readings = prepared.readings(problem.bench)
-    raw_row = error_row(problem.balances, raw, problem.noise.whiten(raw))
+    raw_row = error_row(
+        balances, raw, explanation.weighed.problem.noise.whiten(raw), problem.noise.deviation()
+    )
+    paths = [str(r.path) for r in recordings]
     return Comparison(
-        channels={name: _metrics(problem, fit, white, name) for name in channels_of(problem.balances)},
+        channels={
+            name: _metrics(problem, fit, error, name) for name, error in errors.table.before.channels.items()
+        },
         raw_rms={name: channel.rms for name, channel in raw_row.channels.items()},
         error_before=errors.table.before,
         where=tuple(regions(data, problem.bench)),
@@ -175,11 +188,12 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         whiteness=tuple(noise),
         data=data,
         residuals=tuple(errors.residuals),
-        recordings=tuple(str(r.path) for r in recordings),
+        recordings=tuple(paths),
         model=model.origin,
         coverage=prepared.coverage,
         readings=readings.found,
         hum_unknown=readings.hum_unknown,
+        events=tuple(with_sizes(problem, explanation.best, explanation.happened, paths)),
     )
 
 
@@ -187,35 +201,39 @@ def residual_data(prepared: Prepared, fit: Fit) -> WindowResiduals:
     """Return the residuals of a fit with their windows."""
     problem = prepared.problem
     windows = concatenate([b.windows for b in problem.balances])
-    return window_residuals(problem.balances, windows, fit.residual, problem.noise.deviation())
+    return window_residuals(problem.balances, windows, fit.residual, problem.noise)
 
 
-def _metrics(problem: Problem, fit: Fit, whitened: Array, name: str) -> ChannelMetrics:
+def _metrics(problem: Problem, fit: Fit, error: ChannelError, name: str) -> ChannelMetrics:
     def joined(rows: Array) -> NDArray[Any]:
         own = [channel_values(problem.balances, rows, row) for row in LISTED[name].rows]
         return own[0] if len(own) == 1 else np.asarray(own[0] + 1j * own[1])
 
     measured, residual = joined(problem.measured), joined(fit.residual)
-    predicted = measured - residual
-    white = joined(whitened)
-    mse = _square(residual)
-    swing = float(np.linalg.norm(measured - measured.mean()))
-    size = _square(measured) ** 0.5 + _square(predicted) ** 0.5
-    sm, sp = float(np.std(measured)), float(np.std(predicted))
-    bias = float(abs(measured.mean() - predicted.mean())) ** 2 / mse if mse else 0.0
-    variance = (sm - sp) ** 2 / mse if mse else 0.0
-    return ChannelMetrics(
-        rms=channel_rms(problem.balances, fit.residual, name),
-        noise_floor_rms=channel_rms(problem.balances, problem.noise.deviation(), name),
-        fit_percent=100.0 * (1.0 - float(np.linalg.norm(residual)) / swing) if swing else 0.0,
-        theil=mse**0.5 / size if size else 0.0,
-        theil_bias=bias,
-        theil_variance=variance,
-        theil_covariance=max(1.0 - bias - variance, 0.0),
-        chi2_per_n=_square(white) / len(LISTED[name].rows),
+    deviation = problem.noise.deviation()
+    variance = np.sum(
+        [channel_values(problem.balances, deviation, row) ** 2 for row in LISTED[name].rows], axis=0
     )
+    weight = (1.0 / variance) / np.sum(1.0 / variance)
+    predicted = measured - residual
 
+    def spread(values: NDArray[Any]) -> tuple[complex, float]:
+        """Return mean and standard deviation, weighted like the RMS."""
+        mean = complex(np.sum(weight * values))
+        return mean, math.sqrt(float(np.sum(weight * np.abs(values - mean) ** 2)))
 
-def _square(values: NDArray[Any]) -> float:
-    """Return the mean square of real or complex values."""
-    return float(np.mean(np.abs(values) ** 2))
+    mse = float(np.sum(weight * np.abs(residual) ** 2))
+    (own, swing), (its, sp) = spread(measured), spread(predicted)
+    size = math.hypot(abs(own), swing) + math.hypot(abs(its), sp)
+    bias = abs(own - its) ** 2 / mse if mse else 0.0
+    differing = (swing - sp) ** 2 / mse if mse else 0.0
+    return ChannelMetrics(
+        rms=error.rms,
+        noise_floor_rms=channel_rms(problem.balances, deviation, deviation, name),
+        fit_percent=100.0 * (1.0 - math.sqrt(mse) / swing) if swing else 0.0,
+        theil=math.sqrt(mse) / size if size else 0.0,
+        theil_bias=bias,
+        theil_variance=differing,
+        theil_covariance=max(1.0 - bias - differing, 0.0),
+        chi2_per_n=error.chi2_per_n,
+    )

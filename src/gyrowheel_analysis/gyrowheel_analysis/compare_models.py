@@ -147,7 +147,7 @@ def _terms(problem: Problem, model: Model) -> tuple[Term, ...]:
 
 def _side(problem: Problem, model: Model, terms: Sequence[Term], fit: Fit) -> ModelSide:
     white = problem.noise.whiten(fit.residual)
-    row = error_row(problem.balances, fit.residual, white)
+    row = error_row(problem.balances, fit.residual, white, problem.noise.deviation())
     stated = problem.measured - problem.predict(
         replace(
             fit.point, terms=tuple(terms), nuisance=np.zeros(problem.count), coefficients=dict(model.effects)

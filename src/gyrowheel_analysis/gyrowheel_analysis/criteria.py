@@ -121,6 +121,13 @@ CAUSE_SHARE: Final = 0.8
 PROOF_PARTS: Final = {"recording": 2, "speed": 3, "azimuth": 3, "time": 4}
 PROOF_ROWS: Final = 12
 
+# --- what changed between two sets of recordings ---
+
+#: Probability that chance brings a difference in one of all quantities that are tried, and differences at most.
+#: Higher invents changes between equal sets, lower misses small ones.
+CHANGED_CHANCE: Final = 1.0e-3
+MOST_CHANGES: Final = 6
+
 # --- the next test ---
 
 #: Expected separation that settles a tie (5 standard deviations), and that is worth proposing (3 standard deviations).
@@ -149,6 +156,14 @@ UNCONSTRAINED: Final = 0.9
 CALIBRATION_ERROR: Final = 0.02
 #: Mean square of the whitened residual of the tilt from which on the model lacks something that biases a calibration.
 CALIBRATION_CHI2: Final = 2.0
+
+#: Median noises of a channel beyond which the noise of a window is an outlier: it is marked, and sets no axis.
+#: Holds and cones of one plan differ by up to this. Lower marks cones, higher lets one window hide all others.
+NOISY_WINDOW: Final = 6.0
+
+#: Probability by chance below which measured and simulated torques of the holds of a recording disagree. Higher finds
+#: disagreement in right models, lower lets wrong ones pass.
+DRAG_CHANCE: Final = 1.0e-3
 
 # --- dependence of a residual on variables, and its law ---
 

@@ -1,4 +1,4 @@
-"""The error of a model on recordings and where it is large; two models on the same recordings."""
+"""The error of a model on recordings; two models on the same recordings; one model on two sets of recordings."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.api import explained_by, refuse_wrong_setups, wrong_setups
-from gyrowheel.recordings.inputs import Recordings, Say, data, of_one_machine
+from gyrowheel.recordings.inputs import Recordings, Say, data, of_one_machine, opened_apart
 from gyrowheel.show.result import Result, columns_of
 from gyrowheel_analysis import compare as facts
 from gyrowheel_analysis import compare_models as two_models
+from gyrowheel_analysis import compare_sets as two_sets
 from gyrowheel_analysis.residuals.maps import ResidualMap, residual_map, variables_of
 
 if TYPE_CHECKING:
@@ -193,3 +194,64 @@ def compare_models(
     return ModelComparison.of(
         two_models.compare_models(first.details, second.details, data(given), progress=progress)
     )
+
+
+@dataclass(frozen=True, repr=False)
+class SetComparison(Result, two_sets.SetComparison):
+    """Outcome of `gyrowheel.compare_sets`.
+
+    The fields are those of `gyrowheel_analysis.compare_sets.SetComparison`.
+    """
+
+    def headline(self) -> str:
+        """Return what changed."""
+        from gyrowheel.comparison.page import change_sentence
+
+        return change_sentence(self)
+
+    def page(self) -> Iterable[RenderableType]:
+        """Return what changed, what else may explain it, and the difference that would have shown of the rest."""
+        from gyrowheel.comparison.page import sets_page
+
+        return sets_page(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of ``gyrowheel compare --on DIR --against DIR --json``; SI units."""
+        own = asdict(self)
+        for change in own["changes"]:
+            change["alternatives"] = [{"name": name, "loss": loss} for name, loss in change["alternatives"]]
+        return {"schema": 1, "summary": self.headline(), **own}
+
+    def to_columns(self) -> Mapping[str, Sequence[Any]]:
+        """Return the difference of every quantity of the model, each tried alone, as columns; SI units."""
+        rows = [asdict(own) for own in self.tested]
+        return {key: [row[key] for row in rows] for key in rows[0]}
+
+
+def compare_sets(
+    model: Model, first: Recordings, second: Recordings, *, progress: Say | None = None
+) -> SetComparison:
+    """Compare two sets of recordings under one model: what changed between two benches, days or firmware versions.
+
+    All coefficients of the model and all uncertain bench parameters are fitted to both sets together. Then each of
+    them, and each effect that the model lacks, may differ between the sets.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    first, second : Recording, path or list
+        The two sets; the machines may be different ones of one bench.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be read or is in both sets, or they have too little steady motion, or columns that cannot
+        be what they are called.
+    """
+    own, its = opened_apart(first, second)
+    for given in (own, its):
+        refuse_wrong_setups(given, model.details, mixed=True)
+    return SetComparison.of(two_sets.compare_sets(model.details, data(own), data(its), progress=progress))

@@ -18,15 +18,22 @@ from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.formulas import is_pure
 from gyrowheel.show.layout import commands, figures_table, heading, sentences, words_table
 from gyrowheel.show.sentences.findings import reading_sentence, untold_sentences
-from gyrowheel.show.sentences.residuals import TITLES, dependence_sentences, region_description, region_name
+from gyrowheel.show.sentences.residuals import (
+    TITLES,
+    dependence_sentences,
+    probability,
+    region_description,
+    region_name,
+)
 from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.residuals.maps import DEFAULT
-from gyrowheel_core.quantities import decimal, fixed, with_error
+from gyrowheel_core.quantities import decimal, fixed, quantity, with_error
 from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.compare_models import ModelComparison, ModelSide
+    from gyrowheel_analysis.compare_sets import Difference, SetComparison
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.windows import Coverage
     from gyrowheel_analysis.residuals.dependence import PartDependence
@@ -46,8 +53,10 @@ _SHORT = {
     "spin_ripple": "rip", "motor_voltage": "volt", "voltage_ripple": "vrip",
 }  # fmt: skip
 _LEGEND = (
-    "FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts: a constant offset (bias), "
-    "a wrong amplitude (var), a wrong shape (cov). Raw: RMS with the unchanged model file, nothing fitted."
+    "RMS and noise: windows weighted by 1/noise². χ²/N: (RMS/noise)²; of tilt, spin and voltage once the slow drift "
+    "is taken out that windows share. FIT: part of the signal explained. Theil: 0 perfect, 1 useless; its parts: a "
+    "constant offset (bias), a wrong amplitude (var), a wrong shape (cov). Raw: RMS with the unchanged model file, "
+    "nothing fitted."
 )
 
 
@@ -295,3 +304,74 @@ def _name(side: ModelSide, other: ModelSide) -> str:
     """Return the name of a model: its file, or its effects where both have the same file."""
     effects = " + ".join(side.coefficients) or "no effects"
     return Path(side.name).name if side.name != other.name else effects
+
+
+def change_sentence(result: SetComparison) -> str:
+    """Return in a sentence what changed between two sets of recordings."""
+    tried = f"{result.tried} differences were tried"
+    if not result.changes:
+        text = f"Nothing changed between the two sets beyond chance; {tried}."
+    else:
+        many = len(result.changes)
+        what = "; ".join(_changed(d) for c in result.changes for d in c.differences)
+        text = f"{many} {'thing' if many == 1 else 'things'} changed from the first set to the second: {what}; {tried}."
+    if not result.explains:
+        left = f"χ²/N {fixed(result.chi2_per_n)}"
+        text += f" The model explains neither set ({left}): diagnose one of them first."
+    return text
+
+
+def _changed(own: Difference) -> str:
+    """Return a difference in words."""
+    effect, _, key = own.name.partition(".")
+    step = with_error(own.difference, own.standard_error, own.unit, pure=is_pure(effect, key))
+    return f"{own.name} by {'' if step.startswith('−') else '+'}{step}"
+
+
+def sets_page(result: SetComparison) -> Iterator[RenderableType]:
+    """Yield what changed between two sets, what else may explain it, and what would have shown of the rest."""
+    colour = "yellow" if result.changes or not result.explains else "green"
+    yield Panel(Text(change_sentence(result), style="bold"), border_style=colour, expand=False)
+    yield from sentences([f"first set: {', '.join(result.first)}", f"second set: {', '.join(result.second)}"])
+    if result.changes:
+        yield heading("What changed")
+        yield Padding(
+            _differences([d for c in result.changes for d in c.differences], changed=True), (0, 0, 0, 2)
+        )
+        yield from sentences([text for c in result.changes for text in _alternatives(c.name, c.alternatives)])
+    yield heading("Both sets together")
+    facts = [
+        f"χ²/N {fixed(result.common_chi2_per_n)} if nothing differs, {fixed(result.chi2_per_n)} with the changes",
+        f"all quantities of the model different: χ² falls by {decimal(result.gain, 0)} with {result.degrees} that the "
+        f"recordings determine (p {probability(result.p)})",
+    ]
+    yield from sentences(facts)
+    changed = {d.name for c in result.changes for d in c.differences}
+    if rest := [own for own in result.tested if own.name not in changed]:
+        yield heading(
+            "Quantities of the model, each different alone" if not result.changes else "The rest, each alone"
+        )
+        yield Padding(_differences(rest, changed=False), (0, 0, 0, 2))
+        yield Text("visible: a smaller difference would not have been reported.", style="dim")
+
+
+def _differences(rows: Iterable[Difference], *, changed: bool) -> RenderableType:
+    """Return a table of differences: those that changed with both values, others with what is visible."""
+    columns = ("first", "second", "difference") if changed else ("difference", "visible")
+    table = words_table("", *columns, whole=range(len(columns) + 1))
+    for own in rows:
+        effect, _, key = own.name.partition(".")
+        pure = is_pure(effect, key)
+        values = [quantity(value, own.unit, pure=pure, digits=5) for value in (own.first, own.second)]
+        step = with_error(own.difference, own.standard_error, own.unit, pure=pure)
+        least = quantity(own.visible, own.unit, pure=pure, digits=2)
+        table.add_row(Text(own.name, style="cyan"), *((*values, step) if changed else (step, least)))
+    return table
+
+
+def _alternatives(name: str, others: Iterable[tuple[str, float]]) -> list[str]:
+    """Return what explains a change as well."""
+    if not (near := list(others)):
+        return []
+    listed_ones = ", ".join(f"{other} (χ² {decimal(loss, 1)} worse)" for other, loss in near[:_MOST_REGIONS])
+    return [f"in place of {name} may have changed: {listed_ones}"]

@@ -47,6 +47,7 @@ def figure_of_failure(result: Comparison) -> Figure:
         0.045,
         0.915,
         "Arrows: residual torque of the coils, from the tilt at which it acts. Colours: χ²/N (1: noise)."
+        + (" Crosses: windows far noisier than the others." if data.parts[COILS].noisy.any() else "")
         if COILS in data.parts
         else "Colours: χ²/N of all that was measured (1: noise). No arrows: they need both coil voltages.",
         fontsize=12.5,
@@ -84,11 +85,11 @@ def _chosen(groups: list[NDArray[np.int64]], data: WindowResiduals) -> list[NDAr
 def _arrow_scale(data: WindowResiduals) -> float:
     """Return degrees an N m: the longest arrow beyond the noise spans most of the largest tilt.
 
-    Windows whose residual is noise do not count, however large it is: short windows are noisy. Where all is noise, its
-    arrows are short.
+    Windows whose residual is noise, or whose noise is an outlier, do not count: short windows are noisy. Where all is
+    noise, its arrows are short.
     """
     part = data.parts[COILS]
-    size, wrong = np.abs(part.values), part.squares / len(part.kind.rows) > _WRONG
+    size, wrong = np.abs(part.values), (part.chi2 / len(part.kind.rows) > _WRONG) & ~part.noisy
     largest = float(np.quantile(size[wrong] if wrong.any() else size, 0.98))
     reach = max(float(np.abs(data.windows.mean_tilt).max()) / DEG, 1.0)
     return (_LONG if wrong.any() else _SHORT) * reach / largest if largest > 0.0 else 1.0
@@ -107,16 +108,18 @@ def _plane(
     w = data.windows
     z = np.asarray(w.mean_tilt)[group] / DEG
     shown = list(data.parts.values()) if scale is None else [data.parts[COILS]]
-    chi2 = sum(own.squares[group] for own in shown) / sum(len(own.kind.rows) for own in shown)
+    chi2 = np.sum([own.chi2[group] for own in shown], axis=0) / sum(len(own.kind.rows) for own in shown)
     reach = 1.75 * max(float(np.abs(w.mean_tilt).max()) / DEG, 1.0)
     for radius in range(2, math.ceil(reach), 2):
         axes.add_patch(_circle(radius))
     axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     axes.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    axes.scatter(
-        z.real, z.imag, c=np.maximum(chi2, 1.0), norm=norm, cmap=_colours(), s=55, edgecolors=TICK,
-        linewidths=0.6, zorder=4,
-    )  # fmt: skip
+    noisy = data.parts[COILS].noisy[group] if scale is not None else np.zeros(len(group), dtype=bool)
+    for own, marker, edge in ((~noisy, "o", TICK), (noisy, "X", DARK)):
+        axes.scatter(
+            z.real[own], z.imag[own], c=np.maximum(chi2[own], 1.0), norm=norm, cmap=_colours(), s=55,
+            edgecolors=edge, linewidths=0.6, zorder=4, marker=marker,
+        )  # fmt: skip
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
     axes.set_aspect("equal")
@@ -125,7 +128,7 @@ def _plane(
     if first:
         axes.set_ylabel("tilt about y, °")
     if scale is not None:
-        _arrows(axes, z, data.parts[COILS].values[group] * scale, scale, reach)
+        _arrows(axes, z[~noisy], data.parts[COILS].values[group][~noisy] * scale, scale, reach)
 
 
 def _arrows(axes: Axes, z: Any, arrows: Any, scale: float, reach: float) -> None:

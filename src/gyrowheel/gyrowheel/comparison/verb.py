@@ -13,14 +13,21 @@ from gyrowheel_core.errors import InputError
 
 def compare(
     directories: Annotated[
-        list[Path],
+        list[Path] | None,
         argument("DIR...", "Recordings; with --on two model files, which are compared with each other."),
-    ],
+    ] = None,
     model: Annotated[
         Path | None, option("--model M.yaml", "Model file.", "none: two models are compared")
     ] = None,
     on: Annotated[
-        list[Path] | None, option("--on DIR", "Recording on which two models are compared. Repeatable.")
+        list[Path] | None,
+        option(
+            "--on DIR", "Recording on which two models are compared, or the first of two sets. Repeatable."
+        ),
+    ] = None,
+    against: Annotated[
+        list[Path] | None,
+        option("--against DIR", "Recording of the second of two sets: what changed from --on. Repeatable."),
     ] = None,
     fail_above: Annotated[
         float | None,
@@ -42,13 +49,21 @@ def compare(
 ) -> None:
     """Compare a model with recordings: size of the error, where it is large, and what it depends on.
 
-    With --on, compare two models on the same recordings: which one they prefer, and the test that decides.
+    With --on, compare two models on the same recordings: which one they prefer, and the test that decides. With --on
+    and --against, compare two sets of recordings under one model: what changed between two benches, days or versions.
     """
     import gyrowheel as gw
     from gyrowheel.comparison.api import map_variables
     from gyrowheel.comparison.page import comparison_page
     from gyrowheel.recordings.inputs import opened
 
+    if against:
+        _two_sets(
+            directories or [], on or [], against, model, json=json, others=(fail_above, map_over, picture)
+        )
+        return
+    if not directories:
+        raise InputError("DIR: is missing; allowed: recordings, or --on DIR and --against DIR")
     if on or model is None:
         _two_models(
             directories, on or [], model, mixed=mixed, json=json, others=(fail_above, map_over, picture)
@@ -85,4 +100,29 @@ def _two_models(
     first, second = (gw.Model.load(file) for file in files)
     with working("comparing") as say:
         result = gw.compare_models(first, second, list(on), mixed=mixed, progress=say)
+    put(result, json)
+
+
+def _two_sets(
+    directories: Sequence[Path],
+    on: Sequence[Path],
+    against: Sequence[Path],
+    model: Path | None,
+    *,
+    json: str | None,
+    others: Sequence[object],
+) -> None:
+    import gyrowheel as gw
+
+    if model is None:
+        raise InputError("--model: is missing; allowed: --model M.yaml, under which two sets are compared")
+    if directories or not on:
+        raise InputError(
+            "--against: compares two sets of recordings; allowed: --on DIR for each of the first set"
+        )
+    if any(other is not None for other in others):
+        raise InputError("--against: compares two sets of recordings; allowed with it: --on, --model, --json")
+    loaded = gw.Model.load(model)
+    with working("comparing") as say:
+        result = gw.compare_sets(loaded, list(on), list(against), progress=say)
     put(result, json)

@@ -46,12 +46,13 @@ class Drag(Result, DragTest):
     model: Model
 
     def headline(self) -> str:
-        """Return the number of holds and the largest difference."""
+        """Return the number of holds, and whether measured and simulated torques agree."""
+        from gyrowheel.drag_comparison.page import disagreeing
+
         every = self.estimates
         constants = "calibrated" if all(e.calibrated for e in every) else "stated"
         return (
-            f"{len(every)} holds; measured and simulated torques differ by up to {self.worst:.2g} standard errors "
-            f"({constants} constants)"
+            f"{len(every)} holds; measured and simulated torques {disagreeing(self)} ({constants} constants)"
         )
 
     def page(self) -> Iterable[RenderableType]:
@@ -66,8 +67,21 @@ class Drag(Result, DragTest):
             "schema": 1,
             "model": self.model.origin,
             "recordings": [
-                {"recording": path, "holds": [estimate.to_dict() for estimate in own]}
-                for path, own in zip(self.recordings, self.holds, strict=True)
+                {
+                    "recording": path,
+                    "holds": [estimate.to_dict() for estimate in own],
+                    "agreement": {
+                        name: {
+                            "agrees": one.agrees,
+                            "chi2": one.chi2,
+                            "p": one.p,
+                            "apart": one.apart.tolist(),
+                            "shared": one.shared.tolist(),
+                        }
+                        for name, one in zip(("coil_x", "coil_y", "motor"), judged, strict=True)
+                    },
+                }
+                for path, own, judged in zip(self.recordings, self.holds, self.agreements, strict=True)
             ],
         }
 

@@ -25,7 +25,7 @@ from gyrowheel.show.figure import (
     title_size,
 )  # fmt: skip
 from gyrowheel_analysis.channels import LISTED, TORQUES
-from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
+from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals, noisy
 from gyrowheel_core.quantities import number
 from gyrowheel_core.units import RPM
 
@@ -44,6 +44,7 @@ _WIDE = 12.0  # range of sizes from which on an axis is logarithmic
 _NAMES = -0.62  # where the names of channels begin, in widths of the panel of sizes
 _WORTH_A_NUMBER = 1.3  # noise floors
 _CLEAR = 1.5  # noise floors that the error of a further channel must have to be drawn window by window
+_MARGIN = 0.12  # of an axis, beyond what it shows
 _GAP = 2.0  # between two recordings in one panel [s]
 
 
@@ -128,7 +129,7 @@ def _residual_panel(
     axes: Axes, residuals: Sequence[Residuals], channel: str, scale: float, *, named: bool, changed: bool
 ) -> None:
     """Draw residuals over time, the noise about zero, and where which speed was."""
-    offset = 0.0
+    offset, span = 0.0, [0.0, 1e-12]
     axes.axhline(0.0, color=ZERO, linewidth=0.8, zorder=1)
     for residual in residuals:
         order = np.argsort(residual.time)
@@ -139,11 +140,19 @@ def _residual_panel(
         if changed:
             axes.vlines(time, before, after, color=BEFORE, linewidth=1.2, alpha=0.3, zorder=3)
             axes.plot(time, before, "o", markersize=7.0, color=BEFORE, markeredgewidth=0.0, zorder=4)
-        axes.plot(time, after, "D", markersize=4.6, color=AFTER, markeredgewidth=0.0, zorder=5)
+        odd = noisy(sigma)
+        axes.plot(time[~odd], after[~odd], "D", markersize=4.6, color=AFTER, markeredgewidth=0.0, zorder=5)
+        axes.plot(time[odd], after[odd], "x", markersize=6.0, color=AFTER, zorder=5)
+        shown = [after, sigma, -sigma, *([before] if changed else [])]
+        usual = np.concatenate([span, *(part[~odd] for part in shown)])
+        span = [float(usual.min()), float(usual.max())]
         offset = float(time[-1]) + _GAP
-    axes.margins(x=0.02, y=0.12)
-    if len(LISTED[channel].rows) > 1:
-        axes.set_ylim(bottom=0.0)
+    axes.margins(x=0.02)
+    # windows that are far noisier than the others may lie outside
+    low, high = (span[0] - _MARGIN * np.ptp(span), span[1] + _MARGIN * np.ptp(span))
+    if not axes.get_autoscaley_on():  # shared, and set by the panel before
+        low, high = min(low, axes.get_ylim()[0]), max(high, axes.get_ylim()[1])
+    axes.set_ylim(0.0 if len(LISTED[channel].rows) > 1 else low, high)
     add_grid(axes, "y")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel.comparison.picture import axis_title, cell_label
-from gyrowheel.drag_comparison.page import agreement
+from gyrowheel.drag_comparison.page import agreement_sentence
 from gyrowheel.drag_comparison.picture import tilts
 from gyrowheel.show.figure import columns
 from gyrowheel.show.sentences.findings import event_sentence
@@ -19,6 +19,7 @@ from gyrowheel.show.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.library import ROLES, Envelope, Opened
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
+from gyrowheel_analysis.drag.agreement import agreement
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_analysis.reduction.windows import UPRIGHT, octants
 from gyrowheel_analysis.residuals.error_table import WindowResiduals
@@ -26,6 +27,7 @@ from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, regions, residual
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_core.wire import SECOND
+from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
@@ -167,7 +169,7 @@ def windows(session: Session) -> dict[str, Any] | None:
         "of_coils": tilt is not None,
         "unit": unit.label,
         "chi2": {
-            name: {"title": CHANNELS[name].title, "values": (part.squares / len(part.kind.rows)).tolist()}
+            name: {"title": CHANNELS[name].title, "values": (part.chi2 / len(part.kind.rows)).tolist()}
             for name, part in data.parts.items()
         },
     }
@@ -243,9 +245,7 @@ def holds(session: Session) -> dict[str, Any]:
     step = session.step
     before = session.steps[-2].holds if len(session.steps) > 1 else {}
     return {
-        key: _holds(
-            own, session.opened[key].recording.data.start_ns, before.get(key, ()), step.model.bench.value
-        )
+        key: _holds(own, session.opened[key].recording.data.start_ns, before.get(key, ()), step.model.bench)
         for key, own in step.holds.items()
         if key in session.opened and own
     }
@@ -253,16 +253,16 @@ def holds(session: Session) -> dict[str, Any]:
 
 def heard(session: Session) -> dict[str, Any]:
     """Return the holds of the running benches as `holds` does, from their drag estimators."""
-    value = session.step.model.bench.value
+    bench = session.step.model.bench
     return {
-        key: _holds(running.holds, running.start_ns, (), value)
+        key: _holds(running.holds, running.start_ns, (), bench)
         for key, running in session.live.runs.items()
         if running.holds
     }
 
 
 def _holds(
-    own: Sequence[Estimate], start_ns: int, before: Sequence[Estimate], value: Callable[[str], float]
+    own: Sequence[Estimate], start_ns: int, before: Sequence[Estimate], bench: Bench
 ) -> dict[str, Any]:
     end = np.array([(e.stamp_ns - start_ns) / SECOND for e in own])
     tilt, title = tilts(own)
@@ -285,7 +285,7 @@ def _holds(
             "title": called,
             "torque": series("measured_torque", "residual_std", "simulated_torque", place),
             "voltage": series(*voltages, place),
-            "said": agreement(own, place),
+            "said": agreement_sentence(own, agreement(own, place, bench), place),
         }
         for place, called in enumerate(_ACTUATORS)
     ]
@@ -295,7 +295,8 @@ def _holds(
         levels[name] = {
             "measured": measured,
             "predicted": [
-                m - float(e.residual[place]) / value(constant) for m, e in zip(measured, own, strict=True)
+                m - float(e.residual[place]) / bench.value(constant)
+                for m, e in zip(measured, own, strict=True)
             ],
         }
     return {

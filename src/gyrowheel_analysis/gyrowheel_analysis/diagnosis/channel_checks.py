@@ -15,7 +15,7 @@ from scipy import stats
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import LISTED
-from gyrowheel_analysis.criteria import CHANNEL_CHANCE, CHANNEL_POWER, FAILING_CHI2, NOISE_ERROR
+from gyrowheel_analysis.criteria import CHANNEL_CHANCE, CHANNEL_POWER, NOISE_ERROR
 from gyrowheel_analysis.diagnosis.result import ChannelCheck
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -66,13 +66,10 @@ def checks(problem: Problem, fit: Fit, unseen: Mapping[str, tuple[float, int]]) 
 
 
 def _limit(degrees: float, tests: int) -> float:
-    """Return the chi-squared that chance exceeds in one of the tests with `CHANNEL_CHANCE`.
-
-    The noise of a single channel may be larger than stated, by as much as a comparison allows before it says so.
-    """
+    """Return the chi-squared that chance exceeds in one of the tests with `CHANNEL_CHANCE`."""
     chance = CHANNEL_CHANCE / tests
     by_noise = NOISE_ERROR * degrees * float(stats.norm.isf(chance))
-    return FAILING_CHI2 * (degrees + math.hypot(float(stats.chi2.isf(chance, degrees)) - degrees, by_noise))
+    return degrees + math.hypot(float(stats.chi2.isf(chance, degrees)) - degrees, by_noise)
 
 
 def smallest(found: Sequence[ChannelCheck], unseen: Mapping[str, tuple[float, int]]) -> float:
@@ -100,7 +97,7 @@ def speed_of_misfit(balances: Sequence[Balance], white: Array, channel: str) -> 
 def dependence_left(problem: Problem, fit: Fit) -> Dependence | None:
     """Return the strongest dependence of the residual of a fit on a variable that chance does not explain."""
     windows = concatenate([b.windows for b in problem.balances])
-    data = window_residuals(problem.balances, windows, fit.residual, problem.noise.deviation())
+    data = window_residuals(problem.balances, windows, fit.residual, problem.noise)
     tests = dependences(data, problem.balances, fit.residual, problem.noise.whiten)
     noise = whiteness(data, problem.balances, problem.noise.whiten(fit.residual))
     stated = [d for part in judged(tests, noise) for d in part.stated if d.p_beside <= CHANNEL_CHANCE]

@@ -5,21 +5,20 @@ from __future__ import annotations
 import platform
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from gyrowheel_analysis.criteria import CHI2_RANGE, RIVAL_LOSS, SETTLING_SEPARATION, USEFUL_SEPARATION
 from gyrowheel_analysis.diagnosis.events import (
-    Found,
     as_events,
     drift_shapes,
-    explain,
     unused_events,
     with_sizes,
 )
 from gyrowheel_analysis.diagnosis.experiment_design import Planner, Separation, detection_limits
+from gyrowheel_analysis.diagnosis.explanation import Explanation, explained
 from gyrowheel_analysis.diagnosis.limits import beyond, unusual
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.result import (
@@ -37,13 +36,12 @@ from gyrowheel_analysis.diagnosis.result import (
     TieReport,
     Verdict,
 )
-from gyrowheel_analysis.diagnosis.selection import Finding, Progress, Selection, select
+from gyrowheel_analysis.diagnosis.selection import Finding
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts
 from gyrowheel_analysis.diagnosis.unknown import (
     Proposal,
     as_found,
     places,
-    settled,
     whole_exponents,
     with_exponents,
 )
@@ -107,7 +105,7 @@ def diagnose(
             found = Diagnosis("insufficient_data", few.windows, (), "", coverage=few.coverage)
         else:
             say("looking for missing effects")
-            explanation = _explained(first, recordings, progress)
+            explanation = explained(first, recordings, progress)
             say("judging ties, limits and the next test")
             found = _judged(explanation, paths, validate)
     return replace(
@@ -119,45 +117,13 @@ def diagnose(
     )
 
 
-@dataclass(frozen=True)
-class _Explanation:
-    """The explanation of recordings: effects, an optional free form, and events."""
-
-    fitted: Prepared
-    selection: Selection
-    proposal: Proposal | None
-    happened: list[Found]
-
-    @property
-    def problem(self) -> Problem:
-        return self.fitted.problem
-
-    @property
-    def best(self) -> Fit:
-        return self.proposal.fit if self.proposal else self.selection.best
-
-
-def _explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> _Explanation:
-    """Return the explanation of recordings, with the noise that it leaves."""
-    selection = select(first.problem, progress=progress)
-    fitted = first.reweighed(selection.best)
-    if fitted is not first:
-        selection = select(fitted.problem, progress=progress)
-    outcome = explain(fitted.problem, selection, recordings, progress)
-    fitted, proposal = replace(fitted, problem=outcome.problem), outcome.proposal
-    if proposal is not None:
-        fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
-        proposal = settled(fitted.problem, proposal)
-    return _Explanation(fitted, outcome.selection, proposal, outcome.events)
-
-
-def _judged(explanation: _Explanation, paths: list[str], validate: Sequence[Recording]) -> Diagnosis:
+def _judged(explanation: Explanation, paths: list[str], validate: Sequence[Recording]) -> Diagnosis:
     """Return the facts of an explanation: error, ties, limits, proof, verdict and the next test."""
     fitted, selection, proposal = explanation.fitted, explanation.selection, explanation.proposal
     problem, best = explanation.problem, explanation.best
-    before = problem.fit_within() if proposal or selection.findings else best
+    before = explanation.before
     windows = concatenate([b.windows for b in problem.balances])
-    data = window_residuals(problem.balances, windows, before.residual, problem.noise.deviation())
+    data = window_residuals(problem.balances, windows, before.residual, problem.noise)
     events = with_sizes(problem, best, explanation.happened, paths)
     shapes = drift_shapes(problem, best, explanation.happened, paths)
     if fitted.validation is not None:
@@ -252,7 +218,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     # the part of the effect alone: everything else stays as fitted with it
     others = {name: values for name, values in best.coefficients.items() if name != term.name}
     alone = problem.measured - problem.predict(replace(best.point, coefficients=others))
-    data = window_residuals(problem.balances, windows, alone, problem.noise.deviation())
+    data = window_residuals(problem.balances, windows, alone, problem.noise)
     ties = []
     for tie in finding.ties:
         separation = planner.best(best, tie.fit)

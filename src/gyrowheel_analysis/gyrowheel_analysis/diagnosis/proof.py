@@ -51,10 +51,10 @@ def lack_of_fit(problem: Problem, fit: Fit) -> float:
     """Return the excess of chi-squared of a fit over its expectation, in standard deviations."""
     free = sum(len(term.coefficients) for term in fit.terms)
     expected = max(expected_chi2(problem) - free, 1.0)
-    return (fit.chi2_rows - expected) / _deviation(expected)
+    return (fit.chi2_rows - expected) / spread_of(expected)
 
 
-def _deviation(degrees: float) -> float:
+def spread_of(degrees: float) -> float:
     """Return the standard deviation of chi-squared of rows whose noise is known to `NOISE_ERROR`."""
     return math.sqrt(2.0 * degrees + (NOISE_ERROR * degrees) ** 2)
 
@@ -148,7 +148,7 @@ class _Prediction:
         """Standard deviation of the plain chi-squared."""
         gram = self._spread.T @ self._spread
         predicted = 2.0 * (2.0 * float(np.trace(gram)) + float(np.sum(gram**2)))
-        return math.sqrt(_deviation(self.count) ** 2 + predicted)
+        return math.sqrt(spread_of(self.count) ** 2 + predicted)
 
     def solved(self, columns: Array) -> Array:
         """Return columns times the inverse of the covariance of noise and prediction."""
@@ -176,7 +176,7 @@ def _validated(
     seen = _Prediction(other, best)
     name = ", ".join(validation.names)
     n = seen.count
-    slack = CHI2_RANGE * _deviation(n)
+    slack = CHI2_RANGE * spread_of(n)
     before, after = table.validation_before, table.validation_after
     floor = table.validation_noise_floor
     shown: dict[str, Any] = {
@@ -333,8 +333,8 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, 
         before = _predicted(problem, null, parts) if best.terms else after
         n = sum(int(mask.sum()) for mask in parts)
         floor = floor_row(problem.balances, after.deviation)
-        rows = [error_row(problem.balances, own.rows, own.white) for own in (before, after)]
-        proven = after.chi2 <= n + CHI2_RANGE * _deviation(n)
+        rows = [error_row(problem.balances, own.rows, own.white, after.deviation) for own in (before, after)]
+        proven = after.chi2 <= n + CHI2_RANGE * spread_of(n)
         reason: Reason = "predicted" if proven else "misfit"
         if proven and best.terms and before.chi2 - after.chi2 < PREDICTING_GAIN:
             proven, reason = False, "no_gain"
@@ -345,7 +345,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, 
             left_out=kind,
             parts=len(parts),
             chi2_per_n=after.chi2 / n,
-            allowed=1.0 + CHI2_RANGE * _deviation(n) / n,
+            allowed=1.0 + CHI2_RANGE * spread_of(n) / n,
             **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
         )
         tried.append((proof, after))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +35,9 @@ _BATCH, _FEWEST = 0.1, 4  # s, and the number of them from which the noise of a 
 _MOST_PARTS = 64  # of a hold that are kept one by one
 _UPRIGHT = 0.05 * DEG  # a hold tilted less is at zero tilt
 _NOISY = ("coil_voltage", "coil_voltage", "motor_voltage", "motor_current")
-_CONSTANTS = ("coil_constant", "coil_constant", "motor_constant")
+#: Readings of the torques of coil x, coil y and motor, and the constants that convert them.
+READINGS_OF = ("coil_voltage", "coil_voltage", "motor_current")
+CONSTANTS = ("coil_constant", "coil_constant", "motor_constant")
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,9 @@ class Estimate:
         Torque that the motion needs by the model, and the share of effects of the air in it [N m].
     residual : ndarray (3,)
         `measured_torque` less `simulated_torque` [N m].
+    changes : ndarray (uncertainties, 3)
+        Change of the expected torque reading if one uncertain quantity of the model is one standard error larger [N m]:
+        what holds share of their errors. Not in the message, and empty in an estimate read from one.
     """
 
     stamp_ns: int
@@ -105,6 +110,7 @@ class Estimate:
     simulated_torque: Array
     simulated_air_torque: Array
     residual: Array
+    changes: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False, compare=False)
 
     @property
     def residual_std(self) -> Array:
@@ -114,8 +120,8 @@ class Estimate:
     def serialized(self) -> bytes:
         """Return the DragEstimate message as bytes."""
         values: list[float] = []
-        for own in fields(self)[1:]:
-            value = getattr(self, own.name)
+        for name in wire.DRAG_ESTIMATE.names:
+            value = getattr(self, name)
             values += list(value) if isinstance(value, np.ndarray) else [value]
         return wire.DRAG_ESTIMATE.pack(self.stamp_ns, *values)
 
@@ -137,8 +143,8 @@ class Estimate:
         return cls(stamp, **content)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields by name, arrays as lists; ``stamp`` in s."""
-        content = {own.name: getattr(self, own.name) for own in fields(self)[1:]}
+        """Return the fields of the message by name, arrays as lists; ``stamp`` in s."""
+        content = {name: getattr(self, name) for name in wire.DRAG_ESTIMATE.names}
         return {
             "stamp": self.stamp_ns / wire.SECOND,
             **{n: v.tolist() if isinstance(v, np.ndarray) else v for n, v in content.items()},
@@ -302,8 +308,8 @@ class DragEstimator:
         v, learned = self._bench.value, model.overrides
         self._drift = np.array([v(f"{name}_drift") for name in _NOISY])
         self._white = np.array([v(f"{name}_noise") for name in _NOISY])
-        self._constants = np.array([v(name) for name in _CONSTANTS])
-        self._calibrated = all(name in learned for name in _CONSTANTS)
+        self._constants = np.array([v(name) for name in CONSTANTS])
+        self._calibrated = all(name in learned for name in CONSTANTS)
         self._first: _Mean | None = None
         # the last settled hold at zero tilt of each speed, in the order of time: older ones are never references
         self._last_upright: dict[float, _Mean] = {}
@@ -455,7 +461,7 @@ class DragEstimator:
         torque, air, errors = (
             total / simulated.length for total in (simulated.torque, simulated.air, simulated.errors)
         )
-        uncertain = np.sqrt(np.sum(simulated.changes**2, axis=0)) / simulated.length
+        changes = simulated.changes / simulated.length
         std = np.hypot(own.noise, self._drift)  # averaging over a hold does not remove the drift
         current = float(own.average[_CURRENT])
         increment_std = np.zeros(3)
@@ -486,10 +492,11 @@ class DragEstimator:
             calibrated=self._calibrated,
             measured_torque=measured,
             measured_torque_std=self._constants * std[[0, 1, 3]],
-            constants_std=uncertain,
+            constants_std=np.sqrt(np.sum(changes**2, axis=0)),
             simulated_torque=torque,
             simulated_air_torque=air,
             residual=measured - torque,
+            changes=changes,
         )
 
     def _keep(self, own: _Mean) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.drag.agreement import Agreement, agreement
 from gyrowheel_analysis.drag.estimate import Draft, DragEstimator, Estimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.samples import Samples
@@ -63,9 +64,9 @@ class DragTest:
         return [estimate for own in self.holds for estimate in own]
 
     @property
-    def worst(self) -> float:
-        """Largest difference of measured and simulated torque, in standard errors."""
-        return max(float(np.max(np.abs(e.residual / e.residual_std))) for e in self.estimates)
+    def agreements(self) -> tuple[tuple[Agreement, ...], ...]:
+        """Whether measured and simulated torques of coil x, coil y and motor agree, for each recording."""
+        return tuple(tuple(agreement(own, place, self.bench) for place in range(3)) for own in self.holds)
 
 
 def drag_estimates(

@@ -124,6 +124,23 @@ class Noise:
             at += len(deviation)
         return np.concatenate(parts) if parts else np.zeros_like(rows)
 
+    def shares(self, rows: Array) -> Array:
+        """Return the part of chi-squared that belongs to every row (N,): their sum is that of the whitened rows.
+
+        Of an average it is the part of its drift and its own, see `DriftCovariance.shares`.
+        """
+        if self.events is not None:
+            rows = rows - self.events @ np.linalg.lstsq(self.whitened(self.events), self.whitened(rows))[0]
+        parts, at = [], 0
+        for averages, deviation in zip(self.averages, self.amplitudes, strict=True):
+            for covariance, drift in averages:
+                n = len(covariance)
+                parts.append(covariance.shares(rows[at : at + n], self.scales[drift]))
+                at += n
+            parts.append((rows[at : at + len(deviation)] / deviation) ** 2)
+            at += len(deviation)
+        return np.concatenate(parts) if parts else np.zeros_like(rows)
+
     def deviation(self) -> Array:
         """Return the standard deviation of every row [unit of the row]."""
         parts = []

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import solve_triangular, solveh_banded
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import Channel
@@ -26,6 +26,7 @@ from gyrowheel_analysis.criteria import (
     MODEL_RIPPLE,
     VOLTAGE_FLOOR,
 )
+from gyrowheel_analysis.reduction.window_fit import resistances
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, MEAN, MODULATION
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.registry import torque_scale
@@ -33,6 +34,7 @@ from gyrowheel_sim.jit import njit
 
 Array = NDArray[np.float64]
 
+_CLOSEST = 1.0e-12  # part of a drift that changes between two rows, at least
 _KEPT = 8  # cached scales: an optimiser moves one at a time
 
 
@@ -83,6 +85,33 @@ class DriftCovariance:
         order = np.arange(len(self)) if self._order is None else self._order
         _innovations(flat, order, self._fading, gain, deviation, out)
         return out.reshape(shape)
+
+    def shares(self, rows: Array, scale: float) -> Array:
+        """Return the parts (n,) of chi-squared of rows that belong to each; none is negative.
+
+        Chi-squared is that of the likeliest drift and of what is left of the rows: a row has the square of its rest,
+        and half of that of the change of the drift from the row before and to the row after it.
+        """
+        variance = (scale * self.level) ** 2
+        if variance == 0.0 or not len(self):
+            return np.asarray(rows**2 / self.diagonal)
+        order = np.arange(len(self)) if self._order is None else self._order
+        own = rows[order]
+        # the drift is Markov: the inverse of its covariance has three diagonals
+        known = 1.0 / (variance * np.maximum(self._renewed, _CLOSEST))
+        bands = np.zeros((2, len(own)))
+        bands[1] = known + 1.0 / self._sorted
+        bands[1, :-1] += known[1:] * self._fading[1:] ** 2
+        bands[0, 1:] = -known[1:] * self._fading[1:]
+        drift = solveh_banded(bands, own / self._sorted)
+        changes = known * (drift - self._fading * np.concatenate([[0.0], drift[:-1]])) ** 2
+        found = (own - drift) ** 2 / self._sorted
+        found[0] += changes[0]
+        found[1:] += 0.5 * changes[1:]
+        found[:-1] += 0.5 * changes[1:]
+        result = np.empty_like(found)
+        result[order] = found
+        return result
 
     def log_determinant(self, scale: float) -> float:
         """Return the logarithm of the determinant of the covariance."""
@@ -257,16 +286,13 @@ def _coil_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> 
     white = white * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
     hum = w.hum_variance[:, :, FORWARD.index(order)]
     white = white + stiff**2 * hum[:, 0] + v("coil_constant") ** 2 * hum[:, 1]
+    white = white + w.leakage_variance[:, FORWARD.index(order)]
     return np.asarray(white + _absolute(balance) ** 2 + (MODEL_RELATIVE * size) ** 2)
 
 
 def _resistance(balance: Balance, bench: Bench, order: int) -> Array:
     """Return the torque of a tilt once or twice a revolution over the tilt [N m/rad]."""
-    v = bench.value
-    inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
-    stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
-    spin = balance.windows.mean_spin
-    return np.abs(stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin**2)
+    return np.abs(resistances(bench, balance.windows.mean_spin)[FORWARD.index(order)])
 
 
 def _angle_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:

@@ -142,6 +142,7 @@ def fit_window(
     forward = [HARMONICS.index(order) for order in FORWARD]
     mean = MEAN[:MODULATION]
     held = _held(np.array(FORWARD), speed * hold)
+    coil_held = bench.value("coil_constant") * held
     heating = interpolated(heat[0], heat[1], end) - interpolated(heat[0], heat[1], begin)
     return {
         "unsettled": unsettled,
@@ -164,6 +165,9 @@ def fit_window(
         "angle_harmonics": _harmonics(turned[:, smooth:])[0, forward] @ mean,
         "harmonic_variance": len(time) * _wave_variance(gram[degree:, degree:], mean),
         "hum_variance": np.zeros((2, len(FORWARD))),
+        "leakage_variance": _leakage(
+            design, gram, degree, left, (tilt_noise, noise[volts]), resistances(bench, speed), coil_held
+        ),
         "spin_ripple": spin_ripple,
         "current_ripple": current_ripple,
         "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * hold),
@@ -239,6 +243,52 @@ def _wave_variance(gram: Array, mean: Array) -> Array:
             for k in range(len(FORWARD))
         ]
     )
+
+
+def resistances(bench: Bench, spin_rate: Any) -> list[Any]:
+    """Return the torque of a tilt over the tilt [N m/rad] at each of the orders `FORWARD` of a spin rate [rad/s]."""
+    v = bench.value
+    inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
+    stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
+    return [
+        stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin_rate**2
+        for order in FORWARD
+    ]
+
+
+def _leakage(
+    design: Array,
+    gram: Array,
+    degree: int,
+    left: Any,
+    noise: tuple[float, float],
+    resistance: list[float],
+    coil: Any,
+) -> Array:
+    """Return the variance of each part of a coil torque at the orders `FORWARD` by motion at other frequencies [N²m²].
+
+    The loop answers the noise of its readings, so that coils and rotor move at all frequencies, most of all at that of
+    the nutation. A window of few revolutions does not separate them from a harmonic: the torque that the motion needs
+    grows with its frequency, so that there the leakage of the coils' torque does not cancel that of the motion. The
+    spectrum of the residuals `left` shows it; white `noise` of tilt and coil voltage is counted elsewhere. `coil` are
+    the torques per volt.
+    """
+    n = len(design)
+    waves = np.fft.fft(design, axis=0)
+    leverage = np.einsum("kp,pq,kq->k", waves.conj(), gram, waves).real / n
+    between = leverage < 0.5  # the fit leaves nothing at the frequencies that it describes
+    mean = MEAN[:MODULATION]
+    blocks = gram[degree:].reshape(len(FORWARD), 2, MODULATION, -1)
+    result = []
+    for k, (stiff, constant) in enumerate(zip(resistance, coil, strict=True)):
+        torque = constant * left[:, _COIL] - stiff * left[:, _TILT]
+        white = 2.0 * ((stiff * noise[0]) ** 2 + (abs(constant) * noise[1]) ** 2)
+        power = np.abs(np.fft.fft(torque)[between]) ** 2 / n / (1.0 - leverage[between])
+        weights = 0.5 * (mean @ blocks[k, 0] - 1j * (mean @ blocks[k, 1]))
+        # the response of the estimate to each frequency
+        response = np.abs(weights @ waves[:, :].conj().T)[between] ** 2
+        result.append(max(0.5 * float((power - white) @ response) / n, 0.0))
+    return np.array(result)
 
 
 def _more(x: Array, design: Array, gram: Array, left: Any, degree: int) -> float:

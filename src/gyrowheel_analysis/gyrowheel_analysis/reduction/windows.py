@@ -89,6 +89,7 @@ def still_row() -> dict[str, Any]:
         "angle_harmonics": np.zeros(orders, dtype=complex),
         "harmonic_variance": np.ones(orders),
         "hum_variance": np.zeros((2, orders)),
+        "leakage_variance": np.zeros(orders),
         "reading_noise": np.zeros(len(READING_NOISES)),
     }
 
@@ -137,6 +138,8 @@ class Windows:
     hum_variance : ndarray (n, 2, 2)
         Variance that hum of the mains adds to the amplitudes of exp(i h theta_z) in tilt [rad^2] and coil voltages
         [V^2], h in `FORWARD`.
+    leakage_variance : ndarray (n, 2)
+        Variance of the coil torques at these orders that motion at other frequencies leaves [N^2 m^2].
     spin_ripple, current_ripple, voltage_ripple : complex ndarray (n,)
         Amplitude of exp(i p theta_z) in spin rate [rad/s], motor current [A] and motor voltage [V]; p is the order of
         the motor's ripple.
@@ -176,6 +179,7 @@ class Windows:
     angle_harmonics: NDArray[np.complex128]
     harmonic_variance: Array
     hum_variance: Array
+    leakage_variance: Array
     spin_ripple: NDArray[np.complex128]
     current_ripple: NDArray[np.complex128]
     voltage_ripple: NDArray[np.complex128]

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS, FURTHER, LISTED, TORQUES, Channel
-from gyrowheel_analysis.criteria import NOISE_REACHED
+from gyrowheel_analysis.criteria import NOISE_REACHED, NOISY_WINDOW
 from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.reduction.windows import Windows
 
@@ -27,9 +28,11 @@ class ChannelError:
     Attributes
     ----------
     rms : float
-        Root mean square of the residual, of an amplitude its modulus [unit of the channel].
+        Root mean square of the residual, of an amplitude its modulus, every window weighted with the inverse variance
+        of its noise [unit of the channel].
     chi2_per_n : float
-        Mean square of the residual in units of its noise.
+        Mean square of the whitened residual: in units of its noise, less the slow drift that windows share. Where there
+        is no drift, this is the square of `rms` over that of the noise floor.
     """
 
     rms: float
@@ -43,7 +46,7 @@ class ErrorRow:
     Attributes
     ----------
     rms : dict of str to float
-        Root mean square of the residual of the averaged torques by channel [N m]; every window counts by its duration.
+        `ChannelError.rms` of the averaged torques by channel [N m].
     chi2_per_n : float
         Mean square of all residuals in units of their noise; about 1 for a complete model.
     channels : dict of str to ChannelError
@@ -136,6 +139,8 @@ class Residuals:
         Before, after, and standard deviation of the noise, of every torque channel [N m].
     further : dict of str to tuple of ndarray
         The same of the `channels.FURTHER` present; amplitudes are complex, their noise is that of one part.
+    whitened : dict of str to tuple of ndarray
+        Before and after of all these, divided by the square root of the covariance of their noise, slow drift included.
     """
 
     name: str
@@ -145,16 +150,17 @@ class Residuals:
     tilt: NDArray[np.complex128]
     channels: dict[str, tuple[Array, Array, Array]]
     further: dict[str, tuple[Any, Any, Any]] = field(default_factory=dict)
+    whitened: dict[str, tuple[Any, Any]] = field(default_factory=dict)
 
 
-def error_row(balances: Sequence[Balance], rows: Array, white: Array) -> ErrorRow:
-    """Return the error row of residual `rows` [units of the rows] whose whitened values are `white`."""
+def error_row(balances: Sequence[Balance], rows: Array, white: Array, deviation: Array) -> ErrorRow:
+    """Return the error row of residual `rows` with their whitened values and the standard deviations of their noise."""
     white_of = {
         n: [channel_values(balances, white, row) for row in LISTED[n].rows] for n in channels_of(balances)
     }
     channels = {
         name: ChannelError(
-            channel_rms(balances, rows, name),
+            channel_rms(balances, rows, deviation, name),
             float(np.mean(np.concatenate(parts) ** 2)) if len(white) else 0.0,
         )
         for name, parts in white_of.items()
@@ -165,7 +171,8 @@ def error_row(balances: Sequence[Balance], rows: Array, white: Array) -> ErrorRo
 def floor_row(balances: Sequence[Balance], deviation: Array) -> ErrorRow:
     """Return the noise floor belonging to the standard deviations of the rows."""
     channels = {
-        name: ChannelError(channel_rms(balances, deviation, name), 1.0) for name in channels_of(balances)
+        name: ChannelError(channel_rms(balances, deviation, deviation, name), 1.0)
+        for name in channels_of(balances)
     }
     return ErrorRow(_torques(channels), 1.0, channels)
 
@@ -183,11 +190,32 @@ def channels_of(balances: Sequence[Balance]) -> list[str]:
     ]
 
 
-def channel_rms(balances: Sequence[Balance], rows: Array, name: str) -> float:
-    """Return the root mean square of one channel over time: every window counts by its duration."""
-    squares = sum(channel_values(balances, rows, row) ** 2 for row in LISTED[name].rows)
-    duration = np.concatenate([balance.windows.duration for balance in balances])
-    return float(np.sqrt(np.average(squares, weights=duration))) if duration.size else 0.0
+def channel_rms(balances: Sequence[Balance], rows: Array, deviation: Array, name: str) -> float:
+    """Return the weighted RMS of one channel, see `weighted_rms`."""
+    own, noise = (
+        np.array([channel_values(balances, values, row) for row in LISTED[name].rows])
+        for values in (rows, deviation)
+    )
+    return weighted_rms(own, noise)
+
+
+def weighted_rms(rows: NDArray[Any], deviation: Array) -> float:
+    """Return the root mean square of values, every window weighted with the inverse variance of its noise.
+
+    `rows` and the standard deviations of their noise are (n,), or (rows, n) for the parts of an amplitude, whose
+    modulus counts. That of the noise itself is the noise floor: the square of their ratio is the mean square of the
+    values in units of their noise.
+    """
+    weight = 1.0 / np.asarray(deviation) ** 2
+    if not weight.size:
+        return 0.0
+    parts = 1 if weight.ndim == 1 else len(weight)
+    return float(np.sqrt(parts * np.sum(weight * np.abs(rows) ** 2) / np.sum(weight)))
+
+
+def noisy(sigma: Array) -> NDArray[np.bool_]:
+    """Return a mask of the windows whose noise is an outlier among that of all, by `criteria.NOISY_WINDOW`."""
+    return np.asarray(sigma > NOISY_WINDOW * np.median(sigma)) if len(sigma) else np.zeros(0, dtype=bool)
 
 
 def channel_values(balances: Sequence[Balance], rows: Array, row: str) -> Array:
@@ -209,15 +237,17 @@ def residuals(
     balances: Sequence[Balance],
     names: Sequence[str],
     role: str,
-    before: Array,
-    after: Array,
-    deviation: Array,
+    rows: Sequence[Array],
+    noises: Sequence[Noise],
 ) -> list[Residuals]:
-    """Return the residuals of every recording."""
+    """Return the residuals of every recording: `rows` before and after, and the noise of both."""
+    deviation = noises[1].deviation()
+    white = [noise.whiten(own) for noise, own in zip(noises, rows, strict=True)]
     parts = {
         name: [
-            *(_joined(balances, rows, name) for rows in (before, after)),
+            *(_joined(balances, own, name) for own in rows),
             _noise(balances, deviation, name),
+            *(_joined(balances, own, name) for own in white),
         ]
         for name in channels_of(balances)
     }
@@ -234,6 +264,7 @@ def residuals(
             tilt=balance.windows.mean_tilt,
             channels=own(index, TORQUES),
             further=own(index, FURTHER),
+            whitened={name: (own[3][index], own[4][index]) for name, own in parts.items()},
         )
         for index, (balance, recording) in enumerate(zip(balances, names, strict=True))
     ]
@@ -259,25 +290,28 @@ class Errors:
     residuals: list[Residuals]
 
 
-def errors_of(before: Fit, after: Fit, prepared: Prepared) -> Errors:
+def errors_of(before: Fit, after: Fit, prepared: Prepared, noise_before: Noise | None = None) -> Errors:
     """Return the errors of two fits on the fitted and on the validation recordings.
 
-    On validation recordings nothing is fitted: parameters and coefficients are those of the fits.
+    `noise_before` is that of the first fit, if it has other events. On validation recordings nothing is fitted:
+    parameters and coefficients are those of the fits.
     """
     problem = prepared.problem
-    white, deviation = problem.noise.whiten, problem.noise.deviation()
-    rows = residuals(problem.balances, prepared.names, "fit", before.residual, after.residual, deviation)
+    noises, deviation = (noise_before or problem.noise, problem.noise), problem.noise.deviation()
+    fitted = (before.residual, after.residual)
+    rows = residuals(problem.balances, prepared.names, "fit", fitted, noises)
+    white = [noise.whiten(own) for noise, own in zip(noises, fitted, strict=True)]
     parts: list[ErrorRow | None] = [None, None, None]
     if (validation := prepared.validation) is not None:
         other = validation.problem.with_scales(problem.noise.scales)
         left = [other.measured - other.predict(fit) for fit in (before, after)]
         floor = other.noise.deviation()
-        parts = [error_row(other.balances, r, other.noise.whiten(r)) for r in left]
+        parts = [error_row(other.balances, r, other.noise.whiten(r), floor) for r in left]
         parts.append(floor_row(other.balances, floor))
-        rows += residuals(other.balances, validation.names, "validation", left[0], left[1], floor)
+        rows += residuals(other.balances, validation.names, "validation", left, (other.noise, other.noise))
     table = ErrorTable(
-        before=error_row(problem.balances, before.residual, white(before.residual)),
-        after=error_row(problem.balances, after.residual, white(after.residual)),
+        before=error_row(problem.balances, before.residual, white[0], deviation),
+        after=error_row(problem.balances, after.residual, white[1], deviation),
         noise_floor=floor_row(problem.balances, deviation),
         validation_before=parts[0],
         validation_after=parts[1],
@@ -300,17 +334,20 @@ class Part:
         Standard deviation of the noise of one row.
     load : ndarray (n,) or None
         Prediction of the model [unit of the kind]; None where unknown.
+    chi2 : ndarray (n,)
+        The part of chi-squared that belongs to each window, see `Noise.shares`.
     """
 
     kind: Channel
     values: NDArray[Any]
     sigma: Array
+    chi2: Array
     load: NDArray[Any] | None = None
 
     def at(self, mask: NDArray[np.bool_]) -> Part:
         """Return the part in some of the windows."""
         load = None if self.load is None else self.load[mask]
-        return Part(self.kind, self.values[mask], self.sigma[mask], load)
+        return Part(self.kind, self.values[mask], self.sigma[mask], self.chi2[mask], load)
 
     @property
     def rows(self) -> int:
@@ -323,6 +360,11 @@ class Part:
         return 1.0 / self.sigma**2
 
     @property
+    def noisy(self) -> NDArray[np.bool_]:
+        """The windows whose noise is an outlier, see `noisy`."""
+        return noisy(self.sigma)
+
+    @property
     def mean(self) -> complex | float:
         """Mean residual, weighted with the noise; complex for a kind of two rows."""
         value = np.sum(self.weight * self.values) / np.sum(self.weight)
@@ -330,7 +372,7 @@ class Part:
 
     @property
     def squares(self) -> Array:
-        """Square of the residual over that of its noise, for all rows together."""
+        """Square of the residual over that of its noise, drift and all, for all rows together."""
         return np.asarray(np.abs(self.values) ** 2 / self.sigma**2)
 
 
@@ -354,26 +396,28 @@ class WindowResiduals:
 
     @property
     def chi2(self) -> float:
-        """Sum of the squares of all residuals over their noise."""
-        return sum(float(part.squares.sum()) for part in self.parts.values())
+        """Chi-squared of all residuals."""
+        return sum(float(part.chi2.sum()) for part in self.parts.values())
 
 
 def window_residuals(
-    balances: Sequence[Balance], windows: Windows, rows: Array, deviation: Array
+    balances: Sequence[Balance], windows: Windows, rows: Array, noise: Noise
 ) -> WindowResiduals:
-    """Put the residual rows (N,) of all recordings, with the standard deviation of their noise, together by window."""
+    """Put the residual rows (N,) of all recordings, with their noise, together by window."""
     parts = {}
+    deviation, shares = noise.deviation(), noise.shares(rows)
     for name, kind in CHANNELS.items():
         if not all(row in balance.rows for row in kind.rows for balance in balances):
             continue
         own: list[Any] = [channel_values(balances, rows, row) for row in kind.rows]
-        noise = [channel_values(balances, deviation, row) for row in kind.rows]
+        sigma = [channel_values(balances, deviation, row) for row in kind.rows]
+        chi2 = sum(channel_values(balances, shares, row) for row in kind.rows)
         values = own[0] + 1j * own[1] if len(own) == 2 else own[0]
         load = None
         if name == "tilt" and np.any(windows.coil_voltage):
             # the prediction: the measured rows contain the residual
             x, y = (np.concatenate([b.measured[b.row(row)] for b in balances]) for row in kind.rows)
             load = x + 1j * y - values
-        parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(noise), axis=0)), load)
+        parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(sigma), axis=0)), np.asarray(chi2), load)
     recording = np.repeat(np.arange(len(balances)), [len(balance.windows) for balance in balances])
     return WindowResiduals(windows, recording, parts)

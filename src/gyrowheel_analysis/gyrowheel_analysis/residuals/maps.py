@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import COILS
 from gyrowheel_analysis.reduction.windows import UPRIGHT, Windows, octants, speed_groups
-from gyrowheel_analysis.residuals.error_table import Part, WindowResiduals
+from gyrowheel_analysis.residuals.error_table import Part, WindowResiduals, weighted_rms
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
@@ -166,7 +166,7 @@ def _cell(data: WindowResiduals, spans: dict[str, Span], mask: NDArray[np.bool_]
     for name, part in data.parts.items():
         here = part.at(mask)
         mean[name] = here.mean
-        own = float(here.squares.sum())
+        own = float(here.chi2.sum())
         squares += own
         chi2[name] = own / here.rows
     turned = None
@@ -246,9 +246,10 @@ class Look:
     form : str
         Of `Form`.
     size : float
-        Of an ``offset`` the mean residual without its sign, else its RMS [unit of the kind].
+        Of an ``offset`` the mean residual without its sign, else its RMS, of a complex residual its modulus, weighted
+        with the inverse variance of the noise [unit of the kind].
     noise : float
-        RMS of its noise [unit of the kind].
+        The same of its noise [unit of the kind].
     value : complex
         Of an ``offset`` and of a ``constant`` the mean; of ``tilt`` the slope [unit of the kind per rad]; else 0.
     """
@@ -272,7 +273,7 @@ class Region:
     conditions : tuple of str
         Of `Condition`: further common properties of its windows.
     share_of_chi2 : float
-        Its share of the sum of squares of the residuals in units of their noise.
+        Its share of chi-squared.
     look : Look
         Form of the residual there.
     """
@@ -291,9 +292,8 @@ def regions(data: WindowResiduals, bench: Bench) -> list[Region]:
     masks = {place: np.array([own == place for own in places]) for place in dict.fromkeys(places)}
     found = []
     for name, part in data.parts.items():
-        squares = part.squares
         for place, mask in masks.items():
-            share = float(squares[mask].sum()) / total if total else 0.0
+            share = float(part.chi2[mask].sum()) / total if total else 0.0
             found.append((share, name, place, mask))
     found.sort(key=lambda item: -item[0])
     return [
@@ -325,14 +325,15 @@ def _places(w: Windows, bench: Bench) -> list[tuple[int, tuple[Condition, ...]]]
 def _look(part: Part, tilt: NDArray[Any]) -> Look:
     """Return the form of a residual in windows with these tilts."""
     kind, r = part.kind, part.values
-    rms, noise = _rms(r), _rms(part.sigma)
+    sigma = np.atleast_2d(part.sigma).repeat(len(kind.rows), axis=0)
+    rms, noise = weighted_rms(r, part.sigma), weighted_rms(sigma, sigma)
     if not np.iscomplexobj(r):
         mean = part.mean.real
         if abs(mean) > 0.5 * rms:
             return Look("offset", abs(mean), noise, mean)
     if len(r) < 2 or float(np.abs(tilt).max()) < 0.5 * DEG:
         return Look("mixed", rms, noise)
-    if rms < 1.5 * noise * (math.sqrt(2.0) if np.iscomplexobj(r) else 1.0):
+    if rms < 1.5 * noise:
         return Look("noise", rms, noise)
     if not kind.rows[0].startswith("tilt"):
         return Look("mixed", rms, noise)
@@ -349,7 +350,3 @@ def _look(part: Part, tilt: NDArray[Any]) -> Look:
     if float(np.mean(np.abs(left) ** 2)) > 0.5 * power:
         return Look("neither", rms, noise)
     return Look("mixed", rms, noise)
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.abs(values) ** 2))) if len(values) else 0.0

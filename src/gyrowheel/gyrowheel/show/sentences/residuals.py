@@ -119,7 +119,7 @@ def _dependence(found: PartDependence) -> str:
     if found.larger:
         about = f"more than noise (χ²/N {number(found.whiteness.chi2_per_n)})"
         return f"{title}: {about}, {mostly or 'and no variable accounts for it'}"
-    about = f"correlation {found.whiteness.correlation:.2f}, p {_probability(found.whiteness.p_order)}"
+    about = f"correlation {found.whiteness.correlation:.2f}, p {probability(found.whiteness.p_order)}"
     return f"{title}: no larger than noise, but neighbouring windows are correlated ({about})"
 
 
@@ -131,11 +131,12 @@ def _mostly(part: str) -> str:
 def _named(d: Dependence) -> str:
     # a residual proportional to the tilt is not yet a dependence on the tilt
     beyond = "not proportional, " if d.variable == "tilt" and d.part.startswith("tilt") else ""
-    about = f"{beyond}{100.0 * d.share_beside:.0f} % of χ², p {_probability(d.p_beside)}"
+    about = f"{beyond}{100.0 * d.share_beside:.0f} % of χ², p {probability(d.p_beside)}"
     return f"{TITLES[d.variable]} ({about})"
 
 
-def _probability(p: float) -> str:
+def probability(p: float) -> str:
+    """Return a probability by chance, as it follows the letter p."""
     return "< 0.001" if p < 1e-3 else f"= {p:.1g}"
 
 
