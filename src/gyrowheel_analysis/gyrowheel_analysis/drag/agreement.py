@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc
 
 from gyrowheel_analysis.criteria import DRAG_CHANCE, MODEL_ABSOLUTE, MODEL_RELATIVE
 from gyrowheel_analysis.drag.estimate import CONSTANTS, READINGS_OF, Estimate
@@ -58,7 +58,7 @@ def agreement(estimates: Sequence[Estimate], place: int, bench: Bench | None = N
     total = np.array([e.residual_std[place] for e in estimates])
     if bench is None or not all(len(e.changes) for e in estimates):
         chi2 = float(np.sum((own / total) ** 2))
-        return Agreement(chi2, float(stats.chi2.sf(chi2, len(own))), own / total, np.zeros(len(own)))
+        return Agreement(chi2, float(chdtrc(len(own), chi2)), own / total, np.zeros(len(own)))
     time = np.array([e.stamp_ns * 1e-9 - 0.5 * e.duration for e in estimates])
     drift = bench.value(CONSTANTS[place]) * bench.value(f"{READINGS_OF[place]}_drift")
     changes = np.array([e.changes[:, place] for e in estimates])
@@ -73,7 +73,7 @@ def agreement(estimates: Sequence[Estimate], place: int, bench: Bench | None = N
     chi2 = float(own @ left)
     return Agreement(
         chi2,
-        float(stats.chi2.sf(chi2, len(own))),
+        float(chdtrc(len(own), chi2)),
         np.asarray(left / np.sqrt(np.diag(inverse))),
         np.sqrt(np.diag(common)),
     )
