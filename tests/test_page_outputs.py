@@ -61,3 +61,11 @@ def test_remarks_stay_and_lines_that_are_not_printed_are_reported() -> None:
 )
 def test_numbers_may_differ_by_one_in_the_last_digit(shown: str, now: str, same: bool) -> None:
     assert agree(shown, now) == same
+
+
+def test_a_sentence_that_goes_on_with_a_bracket_is_no_remark() -> None:
+    shown = "(where it fails)\nerror from 0.2 to 0.1\n(noise 0.05).\n"
+    assert renewed(shown, "Where it fails\nerror from 0.3 to 0.1\n(noise 0.06).\n") == (
+        "(where it fails)\nerror from 0.3 to 0.1\n(noise 0.06).\n",
+        [],
+    )

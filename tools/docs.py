@@ -28,11 +28,12 @@ from gyrowheel.momentum_envelope.picture import body_figure, caps_figure
 from gyrowheel.show.figure import png_bytes
 from gyrowheel.show.formulas import in_words, pretty
 from gyrowheel.show.layout import plain_text
+from gyrowheel.show.sentences.diagnosis import ERROR_TITLES
 from gyrowheel_analysis.fitting.fit import ERRORS
 from gyrowheel_control.plans.adaptation import plan_template
 from gyrowheel_control.plans.format import Block, PlanFile
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.quantities import minus, quantity, span
+from gyrowheel_core.quantities import minus, quantity, span, with_error
 from gyrowheel_core.schema import Section, keys
 from gyrowheel_core.surroundings import VARIABLES
 from gyrowheel_core.units import DEG, RPM
@@ -94,6 +95,15 @@ _REFUSED = (
     "-k*z*",
     "k*__import__('os')",
 )
+#: What the error of a bench parameter does to the torques.
+_ERROR_SIGNS = {
+    "stiffness_error": "It adds a torque in proportion to the tilt and in phase with it, the same at every speed.",
+    "gimbal_inertia_error": "It adds a torque in proportion to the tilt that grows with the square of the speed.",
+    "shaft_inertia_error": "It adds a torque that grows with the cube of the tilt and the square of the speed.",
+    "rotor_inertia_error": "It shows wherever the rotor is turned: in cones, slews and changes of the speed.",
+    "coil_gain_error": "It changes all torques of the coils by one factor.",
+    "motor_constant_error": "It changes the torque of the motor and its back-EMF by one factor.",
+}
 #: Tolerance for the numbers of a picture: libraries round differently.
 _TOLERANCE = 2e-3
 
@@ -222,6 +232,41 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
     yield "\n[All effects](README.md)"
 
 
+def error_page(name: str, bench: Bench) -> str:
+    """Return the page of the error of a bench parameter."""
+    groups = bench.groups()
+    own = [p for group in ERRORS[name] for p in groups[group]]
+    lines = [
+        f"# {name}",
+        f"\n{_MADE}\n",
+        f"**{_upper(ERROR_TITLES[name])}.** {_ERROR_SIGNS[name]}",
+        "\n## Parameters\n",
+        "| parameter | on the default bench | meaning |",
+        "|---|---|---|",
+        *(
+            f"| `{p.name}` | {with_error(p.value, p.uncertainty, p.unit)} | {_cell(p.description)} |"
+            for p in own
+        ),
+        "\nEvery fit estimates these parameters within their stated uncertainties, and lists those that moved. Beyond",
+        "five of its stated uncertainties a parameter is a finding with this name, and from three on it is named as an",
+        "alternative. Its coefficient, `relative_error`, is the relative deviation from the stated value.",
+    ]
+    alike = {
+        effect.name: effect.look_alikes[name] for effect in registry().values() if name in effect.look_alikes
+    }
+    if alike:
+        lines += ["\n## Confounders\n", "| effect | separated by |", "|---|---|"]
+        lines += [f"| {_linked(effect)} | {_cell(test)} |" for effect, test in alike.items()]
+    lines += [
+        "\n## Example\n",
+        "```",
+        f"gyrowheel model add {name} --model wheel.yaml --fit runs/quick",
+        "```",
+        "\n[All effects](README.md)",
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def _acts_on(effect: Effect) -> list[str]:
     return [
         f"`{target}` ({TARGETS[target].sentence}, in {_unit(TARGETS[target].unit)})"
@@ -265,7 +310,10 @@ def index_page(effects: Sequence[Effect]) -> str:
         "A bench parameter beyond five of its stated uncertainties is a finding with one of these names:\n",
         "| name | parameters |",
         "|---|---|",
-        *(f"| {name} | {', '.join(f'`{group}`' for group in groups)} |" for name, groups in ERRORS.items()),
+        *(
+            f"| {_linked(name)} | {', '.join(f'`{group}`' for group in groups)} |"
+            for name, groups in ERRORS.items()
+        ),
     ]
     return "\n".join(lines) + "\n"
 
@@ -285,7 +333,7 @@ def _prior(c: Coefficient) -> str:
 
 
 def _linked(name: str) -> str:
-    return f"[{name}]({name}.md)" if name in registry() else f"`{name}`"
+    return f"[{name}]({name}.md)" if name in registry() or name in ERRORS else f"`{name}`"
 
 
 def _upper(text: str) -> str:
@@ -508,6 +556,8 @@ def made() -> Pages:
         pages[DOCS / "effects" / f"{effect.name}.md"] = effect_page(effect, found, bench)
         if found is not None:
             pages[DOCS / "effects" / f"{effect.name}.svg"] = to_svg(found, json.dumps(found.to_json()))
+    for name in ERRORS:
+        pages[DOCS / "effects" / f"{name}.md"] = error_page(name, bench)
     pages[DOCS / "effects" / "README.md"] = index_page(effects)
     for page in (
         "README.md",

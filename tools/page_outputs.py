@@ -83,7 +83,7 @@ def renewed(shown: str, output: str) -> tuple[str, list[str]]:
     k = 0
     while k < len(lines):
         line = lines[k]
-        if line.lstrip().startswith("("):  # a remark, up to its bracket
+        if line.lstrip().startswith("(") and not _printed(line, actual):  # a remark, up to its bracket
             while not lines[k].rstrip().endswith(")"):
                 result.append(lines[k])
                 k += 1
@@ -118,6 +118,11 @@ def _box(actual: Sequence[str], at: int) -> list[str]:
 
 def _skeleton(line: str) -> str:
     return " ".join(_NUMBER.sub("#", line).split())
+
+
+def _printed(line: str, actual: Sequence[str]) -> bool:
+    """Whether a line of an output has the words of a line."""
+    return any(_skeleton(own) == _skeleton(line) for own in actual)
 
 
 def _place(line: str, actual: Sequence[str], at: int) -> int | None:

@@ -250,13 +250,43 @@ def test_coefficients_may_have_the_names_of_variables_in_the_code() -> None:
     assert got == pytest.approx(sum(values.values()) * 0.03 * 0.05)
 
 
-@pytest.mark.parametrize("name", [name for name, effect in registry().items() if effect.directions])
+#: What the sentence of an effect says where its coefficient is negative, and where it is positive.
+SAID = {
+    "coil_tilt": ("less torque", "more torque"),
+    "coil_heating": ("less torque", "more torque"),
+    "motor_heating": ("less torque per ampere", "grow"),
+    "cubic_stiffness": ("soften", "adds a restoring torque"),
+    "gravity_offset": (
+        "below the joint: upright, the weight turns the tilted rotor back",
+        "above the joint.* over",
+    ),
+    "windage_tilt": ("less than in the middle", "more than in the middle"),
+    "tilt_scale": ("too small", "too large"),
+    "tilt_rotation": ("from the y towards the x axis", "from the x towards the y axis"),
+    "tilt_nonlinearity": ("too little", "too much"),
+    "tilt_cross_talk": ("obtuse", "acute"),
+    "encoder_zero": ("lags", "leads"),
+    "stiffness_anisotropy": ("The outer flexure is stiffer", "The inner flexure is stiffer"),
+    "inertia_anisotropy": ("about its y axis", "about its x axis"),
+    **{
+        f"{channel}_delay": ("early: it shows a later", "late: it shows an earlier")
+        for channel in ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")
+    },
+}
+
+
+def test_every_effect_with_two_directions_has_a_sentence_for_each() -> None:
+    """An effect of two amplitudes has a direction in a plane, which its coefficients state; others have one sign."""
+    two = {name for name, e in registry().items() if len(e.amplitudes) == 1 and e.amplitudes[0].signed}
+    assert two == SAID.keys() == {name for name, effect in registry().items() if effect.directions}
+
+
+@pytest.mark.parametrize("name", SAID)
 def test_the_sentence_of_an_effect_agrees_with_the_sign_of_its_coefficient(name: str) -> None:
     effect = registry()[name]
     (amplitude,) = effect.amplitudes
-    assert amplitude.signed
-    below, above = (effect.sentence_for({amplitude.name: sign * amplitude.default}) for sign in (-1.0, 1.0))
-    assert re.search(r"\b(less|soften|behind)\b", below)
-    assert re.search(r"\b(more|adds|grow)\b", above)
+    for sign, said in zip((-1.0, 1.0), SAID[name], strict=True):
+        for size in amplitude.usual:
+            assert re.search(said, effect.sentence_for({amplitude.name: sign * size}))
     # the catalogue, which knows no sign, takes no side
-    assert not re.search(r"\b(less|more)\b", effect.sentence)
+    assert not re.search(r"\b(less|more|early|late)\b", effect.sentence)

@@ -15,7 +15,7 @@ from rich.console import RenderableType
 from gyrowheel.campaigns.cases import Campaign, Case, CaseKind
 from gyrowheel.campaigns.cases import cases as all_cases
 from gyrowheel.campaigns.judge import Judged
-from gyrowheel.campaigns.page import campaign_page
+from gyrowheel.campaigns.page import campaign_page, tally
 from gyrowheel.campaigns.summary import Summary
 from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases, kept_case
 from gyrowheel.show.result import Result
@@ -38,8 +38,8 @@ class CampaignResult(Result, Summary):
     """Outcome of `gyrowheel.campaign`; fields and statistics are those of `gyrowheel.campaigns.summary.Summary`."""
 
     def headline(self) -> str:
-        """Return the title and the number of right cases."""
-        return f"{self.title}: {sum(case.right for case in self.cases)} of {len(self.cases)} right"
+        """Return the title and the numbers of right and wrong answers."""
+        return f"{self.title}: {tally(self)}"
 
     def page(self) -> Iterable[RenderableType]:
         """Return the tables of the campaign."""

@@ -157,6 +157,11 @@ class Judged:
         return not self.detectable and self.outcome in ("missed", "partial", "tied_without_test")
 
     @property
+    def too_small(self) -> bool:
+        """Whether it is right only because what is hidden is too small to be found."""
+        return self.right and self.kind != "outside" and self.outcome not in ("exact", "tied")
+
+    @property
     def beside_unknown(self) -> bool:
         """Whether effects were named next to an unknown one: alone they are no answer."""
         return self.verdict == "unknown" and bool(self.named)

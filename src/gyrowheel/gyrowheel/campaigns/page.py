@@ -46,6 +46,7 @@ def campaign_page(summary: Summary) -> Iterator[RenderableType]:
         )
     if not done:
         return
+    yield Text(f"{tally(summary)}.")
     yield Text()
     yield _kinds(summary)
     yield from sentences(_remarks(summary))
@@ -56,6 +57,17 @@ def campaign_page(summary: Summary) -> Iterator[RenderableType]:
     if summary.intervals or summary.parameters:
         yield indented(_coverage(summary))
     yield from sentences(_numbers(summary))
+
+
+def tally(summary: Summary) -> str:
+    """Return how many answers are right, miss what is too small to be found, and are wrong."""
+    own = summary.tally
+    small = (
+        f", {own['too_small']} miss what is smaller than {DETECTABLE:g} detection limits"
+        if own["too_small"]
+        else ""
+    )
+    return f"{own['right']} of {len(summary.cases)} answers are right{small}, {own['wrong']} wrong"
 
 
 def case_line(case: Judged) -> str:
@@ -261,7 +273,7 @@ def campaign_report(summary: Summary, command: str) -> str:
             title=cells.words("title"),
             done=cells.digits("campaign.cases", 0),
             asked=cells.digits("campaign.asked", 0),
-            right=len(summary.cases) - len(wrong),
+            tally=tally(summary),
             mood="good" if not wrong else "found",
             detectable=f"{DETECTABLE:g}",
             kinds=list(_kind_rows(summary, cells)),

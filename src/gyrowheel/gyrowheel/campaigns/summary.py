@@ -97,6 +97,13 @@ class Summary:
         """All hidden events."""
         return [c.event for c in self.cases if c.event is not None]
 
+    @property
+    def tally(self) -> dict[str, int]:
+        """Numbers of the answers that are right, of those that miss what is too small, and of those that are wrong."""
+        small = sum(c.too_small for c in self.cases)
+        right = sum(c.right for c in self.cases) - small
+        return {"right": right, "too_small": small, "wrong": len(self.cases) - right - small}
+
     def detectable(self, kind: str) -> list[Judged]:
         """Return the detectable cases of a kind."""
         return [c for c in self.of_kind(kind) if c.detectable]
@@ -173,6 +180,7 @@ class Summary:
             "median_seconds": self.median_seconds,
             "confusion": self.confusion,
             # beyond the contract
+            "tally": self.tally,
             "asked": self.asked,
             "false_alarm_interval95": list(self.false_alarms.interval),
             "coverage": {

@@ -127,7 +127,7 @@ class Noise:
     def shares(self, rows: Array) -> Array:
         """Return the part of chi-squared that belongs to every row (N,): their sum is that of the whitened rows.
 
-        Of an average it is the part of its drift and its own, see `DriftCovariance.shares`.
+        See `DriftCovariance.shares`.
         """
         if self.events is not None:
             rows = rows - self.events @ np.linalg.lstsq(self.whitened(self.events), self.whitened(rows))[0]

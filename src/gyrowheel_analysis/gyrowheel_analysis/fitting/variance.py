@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular, solveh_banded
+from scipy.linalg import solve_triangular
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import Channel
@@ -34,7 +34,6 @@ from gyrowheel_sim.jit import njit
 
 Array = NDArray[np.float64]
 
-_CLOSEST = 1.0e-12  # part of a drift that changes between two rows, at least
 _KEPT = 8  # cached scales: an optimiser moves one at a time
 
 
@@ -87,31 +86,13 @@ class DriftCovariance:
         return out.reshape(shape)
 
     def shares(self, rows: Array, scale: float) -> Array:
-        """Return the parts (n,) of chi-squared of rows that belong to each; none is negative.
+        """Return the part (n,) of chi-squared that belongs to each row, in proportion to its square over its variance.
 
-        Chi-squared is that of the likeliest drift and of what is left of the rows: a row has the square of its rest,
-        and half of that of the change of the drift from the row before and to the row after it.
+        Where rows drift together, chi-squared is that of their covariance: it cannot be told apart by row otherwise.
         """
-        variance = (scale * self.level) ** 2
-        if variance == 0.0 or not len(self):
-            return np.asarray(rows**2 / self.diagonal)
-        order = np.arange(len(self)) if self._order is None else self._order
-        own = rows[order]
-        # the drift is Markov: the inverse of its covariance has three diagonals
-        known = 1.0 / (variance * np.maximum(self._renewed, _CLOSEST))
-        bands = np.zeros((2, len(own)))
-        bands[1] = known + 1.0 / self._sorted
-        bands[1, :-1] += known[1:] * self._fading[1:] ** 2
-        bands[0, 1:] = -known[1:] * self._fading[1:]
-        drift = solveh_banded(bands, own / self._sorted)
-        changes = known * (drift - self._fading * np.concatenate([[0.0], drift[:-1]])) ** 2
-        found = (own - drift) ** 2 / self._sorted
-        found[0] += changes[0]
-        found[1:] += 0.5 * changes[1:]
-        found[:-1] += 0.5 * changes[1:]
-        result = np.empty_like(found)
-        result[order] = found
-        return result
+        squares = rows**2 / self.variance(scale)
+        total = float(squares.sum())
+        return squares * (float(np.sum(self.whiten(rows, scale) ** 2)) / total if total else 0.0)
 
     def log_determinant(self, scale: float) -> float:
         """Return the logarithm of the determinant of the covariance."""

@@ -70,7 +70,8 @@ def place_text(form: FreeForm, name: str) -> str:
     return with_error(place.value, place.standard_error, place.unit)
 
 
-_ERROR_TITLES = {
+#: Titles of the errors of bench parameters.
+ERROR_TITLES = {
     "stiffness_error": "flexure stiffness differs from the bench file",
     "gimbal_inertia_error": "gimbal inertia differs from the bench file",
     "shaft_inertia_error": "shaft inertia differs from the bench file",
@@ -83,8 +84,8 @@ _COUNTS = {2: "Two", 3: "Three", 4: "Four"}
 
 def title(item: EffectFinding | TieReport) -> str:
     """Return the title of a finding or of a tie."""
-    if item.name in _ERROR_TITLES:
-        return _ERROR_TITLES[item.name]
+    if item.name in ERROR_TITLES:
+        return ERROR_TITLES[item.name]
     in_model = item.in_model not in (None, False)
     return f"{item.effect_title} of another size than in the model" if in_model else item.effect_title
 
@@ -201,7 +202,7 @@ def _some(names: Sequence[str], most: int = 4) -> str:
 
 def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
     """Return missing effects, effects of another size, and bench parameters that are not as stated."""
-    missing = [named(f) for f in findings if f.in_model is None and f.name not in _ERROR_TITLES]
+    missing = [named(f) for f in findings if f.in_model is None and f.name not in ERROR_TITLES]
     wrong = [f.name for f in findings if f.in_model is not None]
     said = []
     if len(missing) == 1:
@@ -213,7 +214,7 @@ def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
     if wrong:
         sizes, verb = ("size", "disagrees") if len(wrong) == 1 else ("sizes", "disagree")
         said.append(f"The {sizes} of {listed(wrong, 'and')} in the model {verb} with these recordings.")
-    said += [f"The {named(f)}." for f in findings if f.name in _ERROR_TITLES]
+    said += [f"The {named(f)}." for f in findings if f.name in ERROR_TITLES]
     return said
 
 

@@ -77,19 +77,20 @@ _TOLD = 1.5
 
 
 def instrument_sentence(found: InstrumentFinding) -> str:
-    """Return the deviation of an instrument, for example a voltage read later than stated."""
+    """Return the deviation of an instrument, for example a voltage whose reading is late."""
     reading = READINGS.get(found.channel, found.channel)
     off = with_error(abs(found.deviation), found.standard_error, found.unit)
     now = with_error(found.value, found.standard_error, found.unit)
     if found.quantity == "delay":
-        return f"The {reading} is read {off} {'later' if found.deviation > 0.0 else 'earlier'} than stated."
+        late = "later" if found.deviation > 0.0 else "earlier"
+        return f"The reading of the {reading} is {off} {late} than stated."
     if found.quantity == "filter_time":
         if found.stated == 0.0:
             return f"The {reading} passes a filter of {now} that the bench file does not state."
         return f"The filter of the {reading} has {now}, not {quantity(found.stated, found.unit)} as stated."
     if found.quantity == "encoder_zero":
         where = "ahead of" if found.deviation > 0.0 else "behind"
-        return f"The zero of the angle reading is {off} {where} where it is stated."
+        return f"The angle reading is {off} {where} the true angle, beyond the stated zero error."
     if found.quantity in _PARTS:
         return f"The angle reading errs {_PARTS[found.quantity]}, by {now}; stated {_stated(found)}."
     if found.quantity == "cubic":

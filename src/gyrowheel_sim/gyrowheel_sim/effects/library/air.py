@@ -79,7 +79,11 @@ WINDAGE_TILT = Effect(
     name="windage_tilt",
     title="drag of the air on the spin changes with the tilt",
     category="air",
-    sentence="A tilted rotor changes the flow in its gaps: the air brakes the spin more, or less, than in the middle.",
+    sentence="A tilted rotor changes the flow in its gaps, and with it the drag of the air on the spin.",
+    directions=(
+        "A tilted rotor changes the flow in its gaps: the air brakes the spin less than in the middle.",
+        "A tilted rotor changes the flow in its gaps: the air brakes the spin more than in the middle.",
+    ),
     laws=(Law("axial_torque", -_w * tilt_squared * speed_ratio**_n * density_ratio ** (_n - 1)),),
     coefficients=(
         amplitude(

@@ -85,6 +85,10 @@ STIFFNESS_ANISOTROPY = Effect(
     title="the two flexures differ in stiffness",
     category="flexure",
     sentence="At a held tilt, a joint that is stiffer about one of its axes gives a torque twice a revolution.",
+    directions=(
+        "The outer flexure is stiffer than the inner one: at a held tilt the torque varies twice a revolution.",
+        "The inner flexure is stiffer than the outer one: at a held tilt the torque varies twice a revolution.",
+    ),
     laws=(Law("flexure_torque", -_k2 * axis * theta),),
     coefficients=(
         amplitude(
@@ -114,6 +118,10 @@ INERTIA_ANISOTROPY = Effect(
     title="moments of inertia of the rotor across its axis differ",
     category="inertia",
     sentence="At a held tilt, a rotor with unequal transverse moments of inertia gives a torque twice a revolution.",
+    directions=(
+        "The rotor has more inertia about its y axis: at a held tilt the torque varies twice a revolution.",
+        "The rotor has more inertia about its x axis: at a held tilt the torque varies twice a revolution.",
+    ),
     laws=(Law("inertia_difference", _d2),),
     coefficients=(
         amplitude(

@@ -21,13 +21,17 @@ _BOTH = "cones beside what turns with the rotor: a late reading shows in both, i
 _VOLTAGE = "a current of the coils, measured: the inductance delays it, an instrument of the voltage does not"
 
 
-def _delay(channel: str, title: str, sentence: str, look_alikes: Mapping[str, str]) -> Effect:
+def _delay(channel: str, what: str, sentence: str, look_alikes: Mapping[str, str]) -> Effect:
     (late,) = symbols("d")
     return Effect(
         name=f"{channel}_delay",
-        title=title,
+        title=f"{what} read at another instant than stated",
         category="instrument",
         sentence=sentence,
+        directions=(
+            f"The reading of the {what} is early: it shows a later instant than stated.",
+            f"The reading of the {what} is late: it shows an earlier instant than stated.",
+        ),
         laws=(Law(f"{channel}_delay", late),),
         coefficients=(
             amplitude(
@@ -72,7 +76,7 @@ def _filter(channel: str, title: str, sentence: str, look_alikes: Mapping[str, s
 
 TILT_DELAY = _delay(
     "tilt",
-    "tilts read later than stated",
+    "tilts",
     "The tilts are sampled at another instant than the stamp says.",
     {
         "tilt_filter": _WEAKEN,
@@ -84,13 +88,13 @@ TILT_DELAY = _delay(
 )
 SPIN_ANGLE_DELAY = _delay(
     "spin_angle",
-    "angle of the shaft read later than stated",
+    "angle of the shaft",
     "The angle of the shaft is sampled at another instant than the stamp says.",
     {"encoder_zero": _ROTATE, "tilt_delay": _SKEW, "coil_voltage_delay": _SKEW},
 )
 COIL_VOLTAGE_DELAY = _delay(
     "coil_voltage",
-    "coil voltages read later than stated",
+    "coil voltages",
     "The coil voltages are sampled at another instant than the stamp says, before or after the converter's latch.",
     {
         "coil_inductance": _VOLTAGE,
@@ -101,13 +105,13 @@ COIL_VOLTAGE_DELAY = _delay(
 )
 MOTOR_VOLTAGE_DELAY = _delay(
     "motor_voltage",
-    "motor voltage read later than stated",
+    "motor voltage",
     "The motor voltage is sampled at another instant than the stamp says, before or after the converter's latch.",
     {"motor_voltage_filter": _WEAKEN, "motor_current_delay": _SKEW},
 )
 MOTOR_CURRENT_DELAY = _delay(
     "motor_current",
-    "motor current read later than stated",
+    "motor current",
     "The motor current is sampled at another instant than the stamp says.",
     {"motor_current_filter": _WEAKEN, "motor_voltage_delay": _SKEW, "commutation_ripple": _ROTATE},
 )
@@ -143,6 +147,10 @@ ENCODER_ZERO = Effect(
     title="zero error of the shaft's encoder",
     category="instrument",
     sentence="The angle reading is off by a constant, and all that turns with the shaft seems to stand turned.",
+    directions=(
+        "The angle reading lags by a constant, and all that turns with the shaft seems to stand turned.",
+        "The angle reading leads by a constant, and all that turns with the shaft seems to stand turned.",
+    ),
     laws=(Law("encoder_zero", _zero),),
     coefficients=(
         amplitude(
@@ -211,6 +219,10 @@ TILT_NONLINEARITY = Effect(
     title="tilt sensors are not linear",
     category="instrument",
     sentence="Each tilt sensor shows too much or too little in proportion to the cube of the tilt about its axis.",
+    directions=(
+        "Each tilt sensor shows too little, in proportion to the cube of the tilt about its axis.",
+        "Each tilt sensor shows too much, in proportion to the cube of the tilt about its axis.",
+    ),
     laws=(Law("tilt_cubic", _q),),
     coefficients=(
         amplitude(
@@ -238,6 +250,10 @@ TILT_CROSS_TALK = Effect(
     title="cross-talk of the tilt sensors",
     category="instrument",
     sentence="Each tilt sensor shows a part of the tilt about the other axis, as if they were not at right angles.",
+    directions=(
+        "Each tilt sensor shows a part of the tilt about the other axis, as if the angle between them were obtuse.",
+        "Each tilt sensor shows a part of the tilt about the other axis, as if the angle between them were acute.",
+    ),
     laws=(Law("tilt_cross_talk", _c),),
     coefficients=(
         amplitude(

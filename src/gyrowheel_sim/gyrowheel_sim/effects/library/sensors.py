@@ -33,6 +33,10 @@ TILT_SCALE = Effect(
     title="scale error of the tilt sensors",
     category="sensor",
     sentence="The tilt readings are too large or too small by a factor.",
+    directions=(
+        "The tilt readings are too small by a factor.",
+        "The tilt readings are too large by a factor.",
+    ),
     laws=(Law("tilt_reading", _s * z),),
     coefficients=(amplitude("s", "1", "relative error of the readings", (0.005, 0.03), 0.3, signed=True),),
     validity="tilt up to 5 deg",
@@ -50,6 +54,10 @@ TILT_ROTATION = Effect(
     title="tilt sensors turned about the case axis",
     category="sensor",
     sentence="The sensors are turned relative to the coils, so each reads a part of the tilt about the other axis.",
+    directions=(
+        "The tilt readings are turned from the y towards the x axis of the coils: the sensors stand turned.",
+        "The tilt readings are turned from the x towards the y axis of the coils: the sensors stand turned.",
+    ),
     laws=(Law("tilt_reading", sp.I * _alpha * z),),
     coefficients=(
         amplitude("a", "rad", "angle by which the readings are turned", (0.005, 0.03), 0.3, signed=True),

@@ -15,6 +15,10 @@ GRAVITY_OFFSET = Effect(
     title="centre of gravity off the pivot, along the spin axis",
     category="gravity",
     sentence="The weight of the rotor acts at a lever along the spin axis and turns the tilted rotor over, or back.",
+    directions=(
+        "The centre of mass lies below the joint: upright, the weight turns the tilted rotor back.",
+        "The centre of mass lies above the joint: upright, the weight turns the tilted rotor over.",
+    ),
     laws=(Law("rotor_torque", _G * (up * z - sp.I * up_across) / sp.sqrt(1 + z * sp.conjugate(z))),),
     coefficients=(
         amplitude(
