@@ -25,6 +25,12 @@ _CLEAR: Final = 6.0  # robust standard deviations of the steps
 _EXACT: Final = 1e-9  # s, of a stamp
 _EVEN: Final = 0.3  # of the period: with more jitter the count of the samples is better than the stamps
 _JITTERS: Final = 2e-6  # s; less is not reported
+#: Rounded times: part of the steps that are none, and of those that are as they should be; rows by which groups of one
+#: time differ; part by which steps differ from whole ones; rows at least.
+_REPEATED, _MOSTLY, _UNEVEN, _OFF, _FEWEST = 0.2, 0.95, 1.0, 0.02, 20
+#: The same where times are rounded to little more than the period: part of the steps that are none, how many at least,
+#: and part of them that are as far from the next one as most.
+_SELDOM, _FEW, _EVENLY = 0.005, 5, 0.8
 
 
 @dataclass(frozen=True)
@@ -55,14 +61,17 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
     steps = np.diff(time)
     period = period_of(time) if numbers is None else _slope(time, numbers)
     scatter = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+    rounding = rounded_to(time)
     wrong = np.flatnonzero(steps < -max(_CLEAR * scatter, 0.0))
-    if not len(wrong) and scatter < 0.1 * period:
+    if not len(wrong) and scatter < 0.1 * period and rounding is None:
         wrong = np.flatnonzero(steps <= 0.0)
     if len(wrong):
         k = int(wrong[0])
         what = "the same time as" if steps[k] == 0.0 else f"{-1e3 * steps[k]:.6g} ms before"
         raise ClockError(
-            k + 1, f"{what} the row before; time must ascend (sort the rows, or cut them in two files)"
+            k + 1,
+            f"{what} the row before; time must ascend (was the clock set back, or does another "
+            "recording begin? add what is missing, or cut the table there)",
         )
     if not SHORTEST <= period <= LONGEST:
         raise ClockError(
@@ -70,10 +79,22 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
             f"a row every {1e3 * period:.6g} ms; allowed: {1e3 * SHORTEST:g} .. {1e3 * LONGEST:g} ms "
             "(is the unit right?)",
         )
-    sequence = _counted(time, period, scatter) if numbers is None else numbers - numbers[0]
+    if numbers is not None:
+        sequence = numbers - numbers[0]
+    elif rounding is not None:
+        sequence = _counted_groups(time, period)
+    else:
+        sequence = _counted(time, period, scatter)
     period, even = _fitted(time, sequence)
     off = time - even
     jitter = float(np.std(off))
+    whole = np.abs(steps - period * np.round(steps / period)) < 2.0 * _OFF * period
+    if rounding is None and jitter > period and numbers is None and float(np.mean(whole)) < _MOSTLY:
+        raise ClockError(
+            -1,
+            f"times jitter by {1e3 * jitter:.4g} ms, {jitter / period:.3g} rows; allowed: up to one row (are the rows "
+            "of one logger, in the order in which they were taken? `sequence:` in the map may number them)",
+        )
     given = np.round((time - time[0]) / _EXACT).astype(np.int64)
     remarks = []
     rate = 1.0 / period
@@ -85,9 +106,12 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
         )
     if jitter > _EVEN * period or np.any(np.diff(given) <= 0):
         stamps = np.round((even - even[0]) / _EXACT).astype(np.int64)
-        remarks.append(
-            f"times are rounded or jitter by {1e3 * jitter:.2g} ms; samples are put {1e3 * period:.6g} ms apart"
+        how = (
+            f"jitter by {1e3 * jitter:.2g} ms"
+            if rounding is None
+            else f"are rounded by {1e3 * rounding:.4g} ms"
         )
+        remarks.append(f"times {how}; samples are put {1e3 * period:.6g} ms apart")
     else:
         stamps = given
         if jitter > _JITTERS:
@@ -101,7 +125,42 @@ def clock_of(time: Array, numbers: NDArray[np.int64] | None = None) -> Clock:
 def period_of(time: Array) -> float:
     """Return the period by steps over many rows, whose median neither gaps nor jitter move."""
     stride = min(_STRIDE, max((len(time) - 1) // 4, 1))
-    return float(np.median(time[stride:] - time[:-stride])) / stride
+    plain = float(np.median(time[stride:] - time[:-stride])) / stride
+    rounding = rounded_to(time)
+    if rounding is None:
+        return plain
+    sizes = _groups(time)[1:-1]
+    return (
+        rounding / float(np.mean(sizes[np.abs(sizes - np.median(sizes)) <= _UNEVEN])) if len(sizes) else plain
+    )
+
+
+def rounded_to(time: Array) -> float | None:
+    """Return to what the times of rows are rounded so that several rows have the same, or None where they are not.
+
+    As many rows have each time, but for one more or less; a row that is there twice is none of them.
+    """
+    steps = np.diff(time)
+    repeated = float(np.mean(steps == 0.0)) if len(steps) else 0.0
+    if len(steps) < _FEWEST or np.any(steps < 0.0) or not _SELDOM < repeated < 1.0:
+        return None
+    if repeated < _REPEATED:  # to little more than the period: every so many rows, evenly, two have the same time
+        apart = np.diff(np.flatnonzero(steps == 0.0))
+        usual = float(np.median(apart)) if len(apart) >= _FEW else 0.0
+        even = np.abs(apart - usual) <= max(1.5 * _UNEVEN, 0.1 * usual)
+        return float(np.median(steps)) if usual and float(np.mean(even)) > _EVENLY else None
+    sizes = _groups(time)[1:-1]
+    ahead = steps[steps > 0.0]
+    rounding = float(np.median(ahead))
+    whole = np.abs(ahead / rounding - np.round(ahead / rounding)) < _OFF
+    if len(sizes) < 2 or float(np.mean(np.abs(sizes - np.median(sizes)) <= _UNEVEN)) < _MOSTLY:
+        return None
+    return rounding if float(np.mean(whole)) > _MOSTLY else None
+
+
+def _groups(time: Array) -> NDArray[np.int64]:
+    """Return how many rows in a row have the same time."""
+    return np.diff(np.r_[0, np.flatnonzero(np.diff(time) != 0.0) + 1, len(time)])
 
 
 def _slope(time: Array, numbers: NDArray[np.int64]) -> float:
@@ -137,6 +196,22 @@ def _counted(time: Array, period: float, scatter: float) -> NDArray[np.int64]:
             taken[at[k]] = True
             more[at[k]] = lost[k]
     return np.concatenate([[0], np.cumsum(1 + more)]).astype(np.int64)
+
+
+def _counted_groups(time: Array, period: float) -> NDArray[np.int64]:
+    """Return the numbers of the samples by times that several of them share: a group with too few has lost some."""
+    first = np.r_[0, np.flatnonzero(np.diff(time) != 0.0) + 1]
+    sizes, steps = np.diff(first), np.diff(time[first]) / period
+    lacking = steps - sizes
+    if len(lacking):
+        lacking[0] = 0.0  # the table begins within a group
+    more = np.zeros(len(time), dtype=np.int64)
+    at = np.flatnonzero(lacking > 1.0 + _UNEVEN)
+    for some in np.split(at, np.flatnonzero(np.diff(at) > 2) + 1) if len(at) else []:
+        lost = round(float(lacking[max(int(some[0]) - 1, 1) : int(some[-1]) + 2].sum()))
+        widest = int(some[np.argmax(lacking[some])])
+        more[first[widest + 1]] = max(lost, 0)
+    return np.asarray(np.arange(len(time)) + np.cumsum(more), dtype=np.int64)
 
 
 def _fitted(time: Array, sequence: NDArray[np.int64]) -> tuple[float, Array]:

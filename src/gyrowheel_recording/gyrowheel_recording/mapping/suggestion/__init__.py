@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.bags.reader import LONGEST, SHORTEST
+from gyrowheel_recording.mapping.clock import period_of
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS
 from gyrowheel_recording.mapping.map_file import SCHEMA
 from gyrowheel_recording.mislabelled import WrongSetup
@@ -115,7 +116,9 @@ _WHOLE_TURNS: Final = (
     *(m * 10.0**k for k in range(2, 6) for m in (1.0, 1.2, 1.25, 1.44, 1.5, 1.6, 1.8, 2.0, 2.4, 2.5, 3.0, 3.2, 3.6)),
     *(m * 10.0**k for k in range(2, 6) for m in (4.0, 5.0, 6.0, 6.4, 7.2, 8.0, 9.0)),
 )  # fmt: skip
-_SERIAL: Final = (2e4, 8e4)  # days from 1900 to the years of loggers
+#: Days to the years of loggers: from 1900, as in spreadsheets, and of the modified Julian date; from the year 0, as in
+#: MATLAB and Python; of the Julian date.
+_SERIAL: Final = ((2e4, 8e4), (7.0e5, 7.7e5), (2.44e6, 2.48e6))
 _NEAR: Final = 0.03  # part by which a range may fall short of a whole turn
 
 
@@ -149,11 +152,11 @@ def largest(values: Array, unit: str, own: str) -> float:
 def guess_unit(own: str, values: Array, bench: Bench) -> str:
     """Return the likeliest unit of values; empty where none is usual."""
     if own == TIME:
-        step = float(np.median(np.diff(values[:SOME])))
+        step = period_of(values[np.isfinite(values)][:SOME])
         sizes = {unit: step * conversion(unit, "s")[1] for unit in _GUESSES[TIME]}
         fitting = [unit for unit, size in sizes.items() if 2.0 * SHORTEST <= size <= 0.5 * LONGEST]
-        # days since 1900, as spreadsheets count them
-        if "day" in fitting and _SERIAL[0] < float(np.median(values)) < _SERIAL[1]:
+        middle = float(np.median(values))
+        if "day" in fitting and any(low < middle < high for low, high in _SERIAL):
             return "day"
         return fitting[0] if fitting else ""
     low, high = usual_size(own, bench)

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags import Recording
+from gyrowheel_recording.mapping.clock import rounded_to
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, TIME, UNITS, fits
 from gyrowheel_recording.mapping.map_file import READINGS
 from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal
@@ -224,16 +225,25 @@ def merged_loggers(found: Mapping[str, Proposal], grid: Grid) -> Iterator[Proble
 
 
 _CLEAR_STEPS: Final = 6.0  # robust standard deviations of the steps, as for the clock of an import
-_COUNTERS: Final = (*(2.0**k for k in (8, 12, 16, 24, 32)), 1e3, 6e4, 1e5, 1e6, 60.0, 3600.0, 86400.0)
+#: Ranges of counters, of ticks of a unit or of a thousandth, a millionth or a billionth of it, and of clocks.
+_RANGES: Final = tuple(2.0**k for k in (8, 12, 15, 16, 24, 31, 32))
+_COUNTERS: Final = (
+    *_RANGES, *(own * part for own in _RANGES for part in (1e-3, 1e-6, 1e-9)),
+    1e3, 6e4, 1e5, 1e6, 1e9, 60.0, 3600.0, 86400.0,
+)  # fmt: skip
 _NEAR: Final = 3.0  # steps by which the last value of a counter may be short of its range
 _MANY: Final = 0.05  # of the rows: rows that go back so often are those of several loggers
+_GOES_ON: Final = 0.5  # of a step: how far the angle may be off where the rows go on evenly
 
 
-def rows_in_order(times: Array, column: str) -> tuple[Problem | None, slice]:
-    """Return what is wrong with the order of times (n,), and the longest ascending stretch of rows."""
+def rows_in_order(times: Array, column: str, turned: Array | None = None) -> tuple[Problem | None, slice]:
+    """Return what is wrong with the order of times (n,), and the longest ascending stretch of rows.
+
+    `turned` (n,) is the angle of the shaft in turns, where it is known: it shows whether rows follow each other.
+    """
     steps = np.diff(times)
     everything = slice(0, len(times))
-    if len(steps) < 3 or not np.isfinite(steps).all():
+    if len(steps) < 3 or not np.isfinite(steps).all() or rounded_to(times) is not None:
         return None, everything
     period = float(np.median(steps[:SOME]))
     scatter = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
@@ -245,51 +255,77 @@ def rows_in_order(times: Array, column: str) -> tuple[Problem | None, slice]:
     edges = np.r_[0, wrong + 1, len(times)]
     longest = int(np.argmax(np.diff(edges)))
     part = slice(int(edges[longest]), int(edges[longest + 1]))
-    return Problem(*_order_problem(times, steps, wrong, period, column)), part
+    return Problem(*_order_problem(times, wrong, period, column, _go_on(turned, wrong))), part
+
+
+def _go_on(turned: Array | None, wrong: NDArray[np.int64]) -> bool | None:
+    """Whether the angle goes on evenly at some rows, so that these follow each other; None where it does not show."""
+    if turned is None:
+        return None
+    steps = np.diff(turned)
+    steps -= np.round(steps)
+    before = np.array([np.median(steps[max(k - _BESIDE, 0) : k]) if k else math.nan for k in wrong])
+    if not np.isfinite(before).all() or not np.all(np.abs(before) > 1e-4):
+        return None
+    return bool(np.all(np.abs(steps[wrong] - before) < _GOES_ON * np.abs(before)))
+
+
+def counter_range(before: Array, after: Array, period: float) -> float:
+    """Return the range of a counter that begins anew between two rows, the same at every such place; 0 without one."""
+    near = _NEAR * abs(period)
+    for own in _COUNTERS:
+        if own > 10.0 * abs(period):
+            plain = np.all(np.abs(before + period - own) <= near) and np.all(np.abs(after) <= near)
+            half = 0.5 * own  # one with a sign
+            signed = np.all(np.abs(before + period - half) <= near) and np.all(np.abs(after + half) <= near)
+            if plain or signed:
+                return own
+    return 0.0
 
 
 def _order_problem(
-    times: Array, steps: Array, wrong: NDArray[np.int64], period: float, column: str
+    times: Array, wrong: NDArray[np.int64], period: float, column: str, goes_on: bool | None
 ) -> tuple[str, str]:
     row, places = (
         int(wrong[0]) + 2,
         f"{len(wrong)} place{'s' * (len(wrong) > 1)}, first in row {wrong[0] + 2}",
     )
-    if np.all(steps[wrong] == 0.0):
+    before, after = times[wrong], times[wrong + 1]
+    if np.all(after == before):
         return (
             f"time: '{column}' stands still in {places}: rows are there twice.",
             "Take the second ones out, or give a `sequence`.",
         )
     if period < 0.0:
         return f"time: '{column}' runs backward.", "Turn the order of the rows round."
+    whole = counter_range(before, after, period)
+    if whole:
+        return (
+            f"time: '{column}' is a counter that begins anew at {whole:.10g}, {places}.",
+            f"Add {whole:.10g} to it at every new beginning: `wraps: {whole:.10g}` at `time` in the map does.",
+        )
     if len(wrong) > _MANY * len(times):
         return (
             f"time: '{column}' goes back in {places}: the rows of several loggers are mixed.",
             "Sort the rows by time if they are of one logger; else write one file for each, and give each its clock.",
-        )
-    before, after = times[wrong], times[wrong + 1]
-    whole = next(
-        (
-            c
-            for c in _COUNTERS
-            if np.all(np.abs(before + period - c) <= _NEAR * abs(period))
-            and np.all(np.abs(after) <= _NEAR * abs(period))
-        ),
-        0.0,
-    )
-    if whole:
-        return (
-            f"time: '{column}' is a counter that begins anew at {whole:.10g}, {places}.",
-            f"Add {whole:.10g} to it at every new beginning.",
         )
     if np.all(np.abs(after - times[0]) <= _NEAR * abs(period)):
         return (
             f"time: '{column}' begins anew in {places}: recordings stand one behind the other.",
             f"Cut the file there, before row {row}, and import each part by itself.",
         )
+    back = float(before[0] + period - after[0])
+    if goes_on:
+        return (
+            f"time: '{column}' was set back by {back:.6g} in {places}: the rows stand in order, since the angle goes "
+            "on evenly there.",
+            f"Add {back:.6g} to the times from row {row} on, or cut the file there; in another order the rows would "
+            "be wrong.",
+        )
     return (
-        f"time: '{column}' goes back by {-float(steps[wrong[0]]):.6g} in {places}.",
-        "Sort the rows by time, or cut the file there.",
+        f"time: '{column}' goes back by {back:.6g} in {places}: its clock was set back, or another recording begins.",
+        f"Cut the file there, before row {row}, and import each part by itself; or add {back:.6g} to the times from "
+        "there on, where the rows follow each other.",
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags.reader import LONGEST, SHORTEST
+from gyrowheel_recording.mapping.clock import period_of
 from gyrowheel_recording.mapping.column_names import SEQUENCE, TIME, UNITS, meaning_of, unknown_unit
 from gyrowheel_recording.mapping.map_file import TIMESTAMP
 from gyrowheel_recording.mapping.suggestion import Problem, Proposal, guess_unit, holes, largest, usual_size
@@ -102,7 +103,7 @@ def column_problems(
     if TIME in found and found[TIME].unit != TIMESTAMP:
         own = found[TIME]
         times = np.asarray(grid.columns[own.column].values, dtype=np.float64)
-        step = float(np.nanmedian(np.diff(times))) * conversion(own.unit, "s")[1]
+        step = period_of(times[np.isfinite(times)]) * conversion(own.unit, "s")[1]
         if not SHORTEST <= step <= LONGEST:
             other = guess_unit(TIME, times, bench)
             cure = f"Is it in {other}? Set `unit: {other}`." if other else "Check unit and column."

@@ -224,7 +224,7 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
     rows: Any = None  # that can be imported; None for the unchanged file
     disordered = False
     if TIME in found:
-        disordered, rows = _rows_in_order(table.grid, found[TIME].column, problems)
+        disordered, rows = _rows_in_order(table.grid, found, problems)
         odd = table.form is not None and any(column.odd for column in table.grid.columns.values())
         rows = rows if disordered or odd else None  # what is wrong elsewhere has been reported
     trial_grid = table.grid if table.given else None
@@ -314,8 +314,9 @@ def _trial_imports(
     return result
 
 
-def _rows_in_order(grid: Grid, column: str, problems: list[Problem]) -> tuple[bool, Any]:
+def _rows_in_order(grid: Grid, found: Mapping[str, Proposal], problems: list[Problem]) -> tuple[bool, Any]:
     """Return whether the order of the rows had to be questioned, and which rows can be looked at."""
+    column = found[TIME].column
     times = grid.columns[column].values
     every: Any = slice(None)
     if times.dtype.kind == "M":
@@ -330,7 +331,10 @@ def _rows_in_order(grid: Grid, column: str, problems: list[Problem]) -> tuple[bo
     if len(lengths) > 1 or not known.any():
         return False, every
     rows = np.flatnonzero(known)
-    wrong, part = rows_in_order(values[rows], column)
+    angle, turned = found.get("spin_angle"), None
+    if angle is not None and not angle.pulses and not angle.clock:
+        turned = in_si(angle, grid, "turn")[rows]
+    wrong, part = rows_in_order(values[rows], column, turned)
     if wrong is None:
         return False, every if known.all() else rows
     problems.append(wrong)
