@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.environment import Environment
 
 #: Units of the readings for which a value may be assumed.
 _ASSUMED_UNITS: Final = {"air_pressure": "Pa", "air_temperature": "K", "coil_temperature": "K"}
@@ -90,6 +91,11 @@ ASSUMED: Final = {
     "air_temperature": ("temperature_bias", 3.0),
     "coil_temperature": ("temperature_bias", 3.0),
 }
+
+
+def assumed_rig(environment: Sequence[Environment]) -> tuple[str, ...]:
+    """Return, in words, what is taken for the rig where a recording does not state how it stood."""
+    return () if environment else ("how the rig stood (upright is taken, in air of the usual density)",)
 
 
 def unmeasured(readings: Readings) -> frozenset[str]:

@@ -44,6 +44,8 @@ def info_page(found: RecordingInfo) -> Iterator[RenderableType]:
         facts.add_row("  tilts", f"{', '.join(f'{tilt:g}' for tilt in tilts)} deg")
     if found.rigs:
         facts.add_row("rig", ", ".join(found.rigs))
+    for k, text in enumerate(found.assumed):
+        facts.add_row("" if k else "assumed", text)
     yield indented(facts)
     yield from _topics(found.topics)
 

@@ -56,6 +56,7 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "instruments": reading_json(found.readings),
         "recordings": list(found.recordings),
         "model": found.model,
+        "assumed": list(found.coverage.assumed),
         "coverage": found.coverage.to_json(),
     }
 
@@ -94,6 +95,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             for form in found.free_form
         ],
         "events": [event_json(event, several=many) for event in found.events],
+        "turned": [event_json(event, several=many) for event in found.turned],
         "drift": dict(found.drift_scales),
         "drift_shapes": [
             {**asdict(shape), "sentence": shape_sentence(shape, several=many)} for shape in found.drift_shapes
@@ -122,6 +124,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "setup": setup_json(found.setup),
         "recordings": list(found.recordings),
         "model": found.model,
+        "assumed": list(found.coverage.assumed),
         "coverage": found.coverage.to_json(),
         "versions": found.versions,
     }

@@ -13,6 +13,7 @@ import numpy as np
 from gyrowheel_analysis.criteria import CHI2_RANGE, RIVAL_LOSS, SETTLING_SEPARATION, USEFUL_SEPARATION
 from gyrowheel_analysis.diagnosis.events import (
     as_events,
+    by_attitude,
     drift_shapes,
     unused_events,
     with_sizes,
@@ -107,7 +108,7 @@ def diagnose(
             say("looking for missing effects")
             explanation = explained(first, recordings, progress)
             say("judging ties, limits and the next test")
-            found = _judged(explanation, paths, validate)
+            found = _judged(explanation, recordings, validate)
     return replace(
         found,
         recordings=tuple(paths),
@@ -117,8 +118,11 @@ def diagnose(
     )
 
 
-def _judged(explanation: Explanation, paths: list[str], validate: Sequence[Recording]) -> Diagnosis:
+def _judged(
+    explanation: Explanation, recordings: Sequence[Recording], validate: Sequence[Recording]
+) -> Diagnosis:
     """Return the facts of an explanation: error, ties, limits, proof, verdict and the next test."""
+    paths = [str(r.path) for r in recordings]
     fitted, selection, proposal = explanation.fitted, explanation.selection, explanation.proposal
     problem, best = explanation.problem, explanation.best
     before = explanation.before
@@ -140,6 +144,9 @@ def _judged(explanation: Explanation, paths: list[str], validate: Sequence[Recor
     far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
+    events, turned = by_attitude(events, [*recordings, *validate])
+    if turned and verdict in ("nothing_missing", "insufficient_data"):
+        verdict = "ambiguous"
     readings = fitted.readings(problem.bench)
     return Diagnosis(
         verdict=verdict,
@@ -156,6 +163,7 @@ def _judged(explanation: Explanation, paths: list[str], validate: Sequence[Recor
         next_test=_next_test(findings, limits, planner, verdict),
         limits=tuple(limits),
         events=tuple(events),
+        turned=tuple(turned),
         drift_shapes=tuple(shapes),
         readings=readings.found,
         hum_unknown=readings.hum_unknown,

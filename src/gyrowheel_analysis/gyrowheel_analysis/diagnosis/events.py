@@ -392,6 +392,38 @@ def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequen
     ]
 
 
+#: Changes that a turning of the rig makes: the torque of gravity on a centre of gravity off the pivot, along the spin
+#: axis, in proportion to the tilt, and with it that of one off to a side.
+_OF_ATTITUDE = "torque_along_tilt"
+_WITH_ATTITUDE = ("torque_x", "torque_y")
+ATTITUDE = "attitude"
+
+
+def by_attitude(
+    events: Sequence[DatedEvent], recordings: Sequence[Recording]
+) -> tuple[list[DatedEvent], list[DatedEvent]]:
+    """Return the events, and those of them that a turning of the rig explains as well.
+
+    It may where a recording does not state how the rig stood. Constant torques that change at the same time go with it;
+    one that changes alone is an event with the tie.
+    """
+    unstated = {str(recording.path) for recording in recordings if not recording.environment}
+    turns = {
+        (event.recording, event.time)
+        for event in events
+        if event.channel == _OF_ATTITUDE and event.recording in unstated
+    }
+    kept, turned = [], []
+    for event in events:
+        if event.recording not in unstated or event.channel not in (_OF_ATTITUDE, *_WITH_ATTITUDE):
+            kept.append(event)
+        elif (event.recording, event.time) in turns:
+            turned.append(event)
+        else:
+            kept.append(replace(event, ties=(*event.ties, ATTITUDE)))
+    return kept, turned
+
+
 def drift_shapes(
     problem: Problem, fit: Fit, found: Sequence[Found], names: Sequence[str]
 ) -> list[DriftShape]:

@@ -535,6 +535,9 @@ class Diagnosis:
     events : tuple of DatedEvent
         Changes in the middle of a recording. Those in fitted recordings are part of the fit; those in recordings for
         validation stay in the error.
+    turned : tuple of DatedEvent
+        Changes of the torque along the tilt that a turning of the rig explains as well, where a recording does not
+        state how it stood; part of the fit like events.
     drift_shapes : tuple of DriftShape
         Drifts with a shape, which are part of the fit like events.
     readings : tuple of ReadingFinding
@@ -576,6 +579,7 @@ class Diagnosis:
     next_test: NextTest | None = None
     limits: tuple[DetectionLimit, ...] = ()
     events: tuple[DatedEvent, ...] = ()
+    turned: tuple[DatedEvent, ...] = ()
     drift_shapes: tuple[DriftShape, ...] = ()
     readings: tuple[ReadingFinding, ...] = ()
     hum_unknown: tuple[tuple[str, str], ...] = ()

@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.criteria import CONE_DRIFT, CONE_OFF_SPEED
+from gyrowheel_analysis.criteria import CONE_DRIFT, CONE_OFF_SPEED, OTHER_RATE
 from gyrowheel_analysis.reduction.clock import evened
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import READING_NOISES, clipped_readings, readable, reading_noise
@@ -28,6 +28,7 @@ from gyrowheel_analysis.reduction.windows import (
     MEAN,
     RISE,
     Coverage,
+    MissedVoltages,
     Windows,
     attitude,
     still_row,
@@ -36,6 +37,7 @@ from gyrowheel_control.plans.plan import HOLD, Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
 from gyrowheel_recording.bags.reader import PAUSE, pauses
+from gyrowheel_recording.derived import assumed_rig
 from gyrowheel_sim.bench import Bench
 
 #: Settling time at the start of a steady motion [s]; the spin loop is the slower one.
@@ -252,7 +254,20 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
                 left_out[_UNREAD] += unread
             if begin > a:
                 left_out[_UNSETTLED] += begin - a
-    return Windows.of(rows), Coverage(length, used, dict(left_out), assumed)
+    assumed = (*assumed_rig(data.environment), *assumed)
+    return Windows.of(rows), Coverage(length, used, dict(left_out), assumed, _missed(rows, h, loop, noise))
+
+
+def _missed(
+    rows: Sequence[Mapping[str, Any]], period: float, loop: float, noise: Array
+) -> MissedVoltages | None:
+    """Return what a sampling period longer than that of the loop costs; None where all voltages are recorded."""
+    if period < (1.0 + OTHER_RATE) * loop or not rows:
+        return None
+    volts = READING_NOISES.index("coil_voltage_noise")
+    seen = float(np.median([row["reading_noise"][volts] for row in rows]))
+    # the average of as many samples as there are voltages would have less noise
+    return MissedVoltages(1.0 / period, 1.0 / loop, seen / noise[volts] * math.sqrt(period / loop))
 
 
 def _without_samples(time: Array, spans: Sequence[Span]) -> Array:

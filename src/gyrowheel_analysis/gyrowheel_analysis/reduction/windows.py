@@ -336,6 +336,28 @@ _SHOWN = 0.05  # s
 
 
 @dataclass(frozen=True)
+class MissedVoltages:
+    """Voltages of the loop that are not in a recording, since it has fewer samples than the loop gives voltages.
+
+    Attributes
+    ----------
+    samples, voltages : float
+        Samples of the recording and voltages of the loop in a second [1/s].
+    noise : float
+        Noise of the coil voltages in averages over windows, relative to that of a recording of all.
+    """
+
+    samples: float
+    voltages: float
+    noise: float
+
+    @property
+    def part(self) -> float:
+        """Part of the voltages that is missing."""
+        return 1.0 - self.samples / self.voltages
+
+
+@dataclass(frozen=True)
 class Coverage:
     """Use of the steady motion in recordings. Steady is all but ramps and the settling after them.
 
@@ -349,12 +371,15 @@ class Coverage:
         Steady motion outside of windows [s], by reason.
     assumed : tuple of str
         Quantities that were never measured, and the assumption instead.
+    missed : MissedVoltages or None
+        What a rate below that of the loop costs; of several recordings, of that with the lowest one.
     """
 
     recorded: float = 0.0
     used: float = 0.0
     left_out: dict[str, float] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
+    missed: MissedVoltages | None = None
 
     @property
     def steady(self) -> float:
@@ -377,7 +402,8 @@ class Coverage:
                 left_out[why] = left_out.get(why, 0.0) + length
         # each once, in order
         assumed = dict.fromkeys(what for part in parts for what in part.assumed)
-        return cls(recorded, used, left_out, tuple(assumed))
+        missed = max((part.missed for part in parts if part.missed), key=lambda own: own.part, default=None)
+        return cls(recorded, used, left_out, tuple(assumed), missed)
 
     def sentence(self) -> str:
         """Return it in one sentence."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_recording.bags.metadata import ENTRY, METADATA_FILE, Publisher, from_text, read_metadata
 from gyrowheel_recording.bags.reader import Integrity, Recording, usual_step
+from gyrowheel_recording.derived import ASSUMED, assumed_rig, origins_in_words
 
 _HOLD = 1  # Setpoint.HOLD
 _SAME_RATE = 0.1  # part by which a mean rate is off where a bench stood still for long
@@ -51,6 +52,8 @@ class RecordingInfo:
     unchecked: int = 0  # messages that no checksum covers
     machine: str = ""  # name of the machine; empty where unknown
     namespace: str = ""  # namespace in which the bench ran, such as ``/bench2``; empty for the root
+    #: What no message states and no instrument measured, in words, each with what is taken instead.
+    assumed: tuple[str, ...] = ()
     publishers: tuple[Publisher, ...] = ()  # who published what, where the recorder has stated it
 
 
@@ -83,8 +86,21 @@ def info(source: str | Path | Recording) -> RecordingInfo:
         unchecked=recording.unchecked,
         machine=recording.machine,
         namespace=recording.namespace,
+        assumed=_assumed(recording),
         publishers=_publishers(path),
     )
+
+
+def _assumed(recording: Recording) -> tuple[str, ...]:
+    """Return what is assumed of a recording."""
+    origins = recording.origins
+    never = [
+        f"{name} (that of the bench is taken)"
+        for name in ASSUMED
+        if name not in origins and not np.isfinite(recording.measurement[name]).any()
+    ]
+    bench = () if recording.carried_bench else ("the bench (that of the model is taken)",)
+    return (*assumed_rig(recording.environment), *bench, *origins_in_words(origins), *never)
 
 
 def _rate(recording: Recording) -> float:

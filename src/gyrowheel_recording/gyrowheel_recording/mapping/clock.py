@@ -144,7 +144,9 @@ def rounded_to(time: Array) -> float | None:
     repeated = float(np.mean(steps == 0.0)) if len(steps) else 0.0
     if len(steps) < _FEWEST or np.any(steps < 0.0) or not _SELDOM < repeated < 1.0:
         return None
-    if repeated < _REPEATED:  # to little more than the period: every so many rows, evenly, two have the same time
+    if (
+        repeated < _REPEATED
+    ):  # to little more than the period: every so many rows, evenly, two have the same time
         apart = np.diff(np.flatnonzero(steps == 0.0))
         usual = float(np.median(apart)) if len(apart) >= _FEW else 0.0
         even = np.abs(apart - usual) <= max(1.5 * _UNEVEN, 0.1 * usual)

@@ -42,6 +42,7 @@ from gyrowheel_sim import environment as environments
 
 #: Turning between two samples beyond which an angle does not show how far it was [rad].
 _TURNS: Final = 0.9 * math.pi
+_OTHER_RATE: Final = 0.05  # part by which a table is slower than the loop
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,13 @@ def import_table(
     readings["spin_angle"] = np.mod(readings["spin_angle"], 2.0 * math.pi)
     # a remainder may round up to the divisor itself
     readings["spin_angle"][readings["spin_angle"] >= 2.0 * math.pi] = 0.0
+    voltages = 1.0 / bench.sample_period
+    if clock.period * voltages > 1.0 + _OTHER_RATE:
+        remarks.append(
+            f"the loop of the bench gives {voltages:.5g} voltages a second: {1.0 - 1.0 / (clock.period * voltages):.0%} "
+            "of them are not in the table, and averages are noisier, unless its loop runs at another rate "
+            "(`sample_period` of the bench); record averages over each sample, or at the rate of the loop"
+        )
     lacking = [name for name in READINGS if name not in column_map.columns]
     if lacking:
         remarks.append(f"not in the table: {', '.join(lacking)}")

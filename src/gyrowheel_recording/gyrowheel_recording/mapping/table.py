@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +23,7 @@ from gyrowheel_recording.mapping.map_file import (
     Source,
     is_time,
 )
+from gyrowheel_recording.mapping.own_rows import interpolated, sample_rows
 from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
 from gyrowheel_recording.mapping.table_file import read_columns
 from gyrowheel_recording.mislabelled import new_rows
@@ -54,7 +55,6 @@ class Table:
         self.path = path
         self.remarks: list[str] = []
         self._map = column_map
-        self._first = 0
         self._periods: dict[str, float] = {}  # of the clocks of columns that were interpolated [s]
         self._holed: set[str] = set()  # columns that are NaN within gaps of their clock
         self._pulses: dict[str, tuple[Array, Array]] = {}  # times and values of pulses on another clock
@@ -73,15 +73,19 @@ class Table:
         if rows < 2:
             raise InputError(f"{path}: {rows} rows; allowed: 2 or more")
         self._rows = rows
-        self._taken: NDArray[np.int64] | None = None  # rows that are taken, where not all are
+        self._taken = np.arange(rows)  # numbers of the rows that are taken
         self._time: Array = np.zeros(0)
+        if column_map.keep_missing:
+            self._take_samples(
+                {name for name, clock in clocks.items() if clock not in ("", column_map.time.column)}
+            )
         self._put_on_one_clock(clocks)
         if column_map.every > 1:
             self._take_new_rows(column_map.every)
 
     def place(self, row: int) -> str:
         """Return the name of a row for messages."""
-        at = (row if self._taken is None else int(self._taken[row])) + self._first
+        at = int(self._taken[row]) if row < len(self._taken) else row
         return f"line {self._lines[at]}" if self._lines else f"row {at + 1}"
 
     def _error(
@@ -206,6 +210,43 @@ class Table:
             passed = passed + to_si(more - more[0], source.plus_unit, Reading("s", -math.inf, math.inf))
         return passed, begin
 
+    def _take_samples(self, others: Set[str]) -> None:
+        """Take the rows that are samples, and interpolate slow readings that have rows of their own to them.
+
+        `others` are the columns of other clocks.
+        """
+        fast: dict[str, Array] = {}
+        slow: dict[str, Array] = {}
+        for name, source in self._map.columns.items():
+            column = self._columns.get(source.column)
+            if column is None or source.pulses or source.column in others or pa.types.is_string(column.type):
+                continue
+            if len(column) == self._rows:
+                (slow if READINGS[name].constant else fast)[source.column] = self._readings(source.column)
+        if not fast or not slow or all(np.isfinite(own).all() for own in slow.values()):
+            return
+        samples = sample_rows(fast, slow)
+        time, _ = self._seconds(self._map.time.column)
+        moved = {}
+        for name, values in slow.items():
+            own = interpolated(time, values, samples)
+            if own is not None:
+                moved[name] = own
+        taken = np.flatnonzero(samples)
+        for name, column in self._columns.items():
+            if name in moved:
+                self._columns[name] = pa.chunked_array([pa.array(moved[name], from_pandas=True)])
+            elif len(column) == self._rows and name not in others:
+                self._columns[name] = column.take(pa.array(taken))
+        self._taken, self._rows = self._taken[taken], len(taken)
+        if moved:
+            left = (
+                f"; {len(samples) - len(taken)} rows have nothing else" if len(taken) < len(samples) else ""
+            )
+            self.remarks.append(
+                f"{', '.join(moved)}: have rows of their own, interpolated to the samples{left}"
+            )
+
     def _take_new_rows(self, every: int) -> None:
         """Take the rows in which readings that are held over `every` rows are new."""
         for source in self._map.sources:
@@ -222,7 +263,7 @@ class Table:
         if len(taken) < 2:
             raise InputError(f"{self.path}: {len(taken)} rows by `every: {every}`; allowed: 2 or more")
         self._columns = {name: column.take(pa.array(taken)) for name, column in self._columns.items()}
-        self._time, self._taken = self._time[taken], taken
+        self._time, self._taken = self._time[taken], self._taken[taken]
         self.remarks.append(
             f"{len(taken)} of {len(numbers)} rows are taken: those with new values (`every: {every}`)"
         )
@@ -275,7 +316,7 @@ class Table:
             raise InputError(f"{self.path}: {max(end - begin, 0)} rows; allowed: 2 or more, on all clocks")
         if others and (begin, end) != (0, len(time)):
             self.remarks.append(f"{len(time) - (end - begin)} rows that not all clocks cover are left out")
-        self._first = begin
+        self._taken = self._taken[begin:end]
         self._columns = {
             name: column.slice(begin, end - begin)
             for name, column in self._columns.items()

@@ -12,6 +12,7 @@ from gyrowheel.show.sentences.findings import (
     event_sentences,
     instrument_sentence,
     shape_sentence,
+    turned_sentences,
 )
 from gyrowheel.show.sentences.residuals import growth_sentence
 from gyrowheel.show.sentences.setup import problem
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
         NextTest,
         TieReport,
     )
+    from gyrowheel_analysis.reduction.windows import MissedVoltages
 
 _EXPONENT = re.compile(r"\^([kq])\b")
 
@@ -107,13 +109,27 @@ def verdict_sentence(found: Diagnosis) -> str:
     drifts have; how large drifts without a shape are comes last.
     """
     said = [beyond_sentence(item) for item in found.beyond]
+    said += turned_sentences(found.turned, several=several(found))
     said += event_sentences(found.events, several=several(found))
     said += [shape_sentence(shape, several=several(found)) for shape in found.drift_shapes]
     drift = drift_sentence(found.drift_scales, shaped=bool(found.drift_shapes or found.events))
     conflicts = (
         text for finding in found.effects for text in conflict_sentences(finding.name, finding.coefficients)
     )
-    return " ".join(filter(None, [*said, _verdict(found), *conflicts, drift]))
+    missed = missed_sentence(found.coverage.missed)
+    return " ".join(filter(None, [*said, _verdict(found), *conflicts, drift, missed]))
+
+
+def missed_sentence(missed: MissedVoltages | None) -> str:
+    """Return what a rate below that of the loop costs; empty where all voltages are recorded."""
+    if missed is None:
+        return ""
+    return (
+        f"{missed.part:.0%} of the voltages that the loop gave are not recorded ({missed.samples:.5g} samples a "
+        f"second, {missed.voltages:.5g} voltages): that adds a noise of {quantity(missed.noise, 'N·m', digits=2)} to "
+        "the torque of the coils in a window, which hides small effects. Record averages over each sample, or at the "
+        "rate of the loop."
+    )
 
 
 def beyond_sentence(item: Beyond) -> str:
@@ -151,10 +167,10 @@ def _verdict(found: Diagnosis) -> str:
     return " ".join([*_named_effects(found.effects), *said])
 
 
-def _nothing(found: Diagnosis) -> str:
+def _nothing(found: Diagnosis, *, also: bool = False) -> str:
     explained = "the model explains the recordings within noise and stated uncertainties."
     hidden = dict.fromkeys(limit.effect for limit in found.limits if not limit.visible)
-    nothing = "Besides, nothing" if found.events else "Nothing"
+    nothing = "Besides, nothing" if found.events or also else "Nothing"
     if not hidden:
         return f"{nothing} is missing: {explained}"
     return f"{nothing} shows: {explained} {_some(list(hidden))} of a usual size could hide in them."
@@ -176,6 +192,8 @@ def _unknown(found: Diagnosis) -> str:
 
 
 def _ties(found: Diagnosis) -> str:
+    if not found.effects and not found.instruments:
+        return _nothing(found, also=True)
     choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
     choices += [
         _either([f"{f.title} ({f.name})", *(named(tie) for tie in f.ties)])

@@ -58,6 +58,7 @@ _WHAT = {
     "torque_after_tilt": "a torque of {} against it",
     "coil_voltage_x": "a shift in the reading of coil voltage x",
     "coil_voltage_y": "a shift in the reading of coil voltage y",
+    "attitude": "a turning of the rig, whose attitude is not recorded",
 }
 _DRIFTS = {
     "coil_voltage": "coil voltages",
@@ -194,6 +195,24 @@ def tie_of_event(event: DatedEvent) -> str:
     return (
         f"what began at {begin} could also be {listed(names, 'or')}: these recordings do not tell them apart"
     )
+
+
+def turned_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> list[str]:
+    """Return the changes that a turning of the rig explains as well, where it is not recorded how the rig stood."""
+    said = []
+    for recording, time in dict.fromkeys((event.recording, event.time) for event in events):
+        at_once = [event for event in events if (event.recording, event.time) == (recording, time)]
+        where = f" of {recording}" if several else ""
+        each = [
+            _WHAT[e.channel].format(with_error(e.size, e.standard_error, e.unit, pure=False)) for e in at_once
+        ]
+        what = listed([part.rstrip(",") for part in each], "and")
+        said.append(
+            f"At {_time(time, at_once[0].time_error)}{where} either the rig was turned and its centre of gravity is "
+            f"off the pivot (gravity_offset), or {what} appeared: the recording does not state how the rig stood, so "
+            "neither can be concluded."
+        )
+    return said
 
 
 def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:

@@ -18,6 +18,7 @@ from gyrowheel_recording.mapping.clock import clock_offset
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, SEQUENCE, TIME, UNITS, known_unit
 from gyrowheel_recording.mapping.exchange import import_table
 from gyrowheel_recording.mapping.map_file import READINGS, SCHEMA, ColumnMap
+from gyrowheel_recording.mapping.own_rows import interpolated, sample_rows
 from gyrowheel_recording.mapping.suggestion import Problem, Proposal, Suggestion, holes, in_si
 from gyrowheel_recording.mapping.suggestion.checks import (
     broken_laws,
@@ -27,6 +28,7 @@ from gyrowheel_recording.mapping.suggestion.checks import (
 )
 from gyrowheel_recording.mapping.suggestion.columns import assign_columns
 from gyrowheel_recording.mapping.suggestion.questions import column_problems
+from gyrowheel_recording.mapping.suggestion.stamps import with_stamps
 from gyrowheel_recording.mislabelled import WrongSetup
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_recording.tables import Grid, TextForm, form_of_file, format_of, read_grid
@@ -161,23 +163,31 @@ class _Table:
     """A table to suggest a map for; `given` where it is no file."""
 
     path: Path
-    grid: Grid
+    raw: Grid  # as it was read
+    grid: Grid  # as it is looked at: times that stand in two columns are one
     form: TextForm | None
     kind: str
     given: bool
     bench: Bench
     bench_name: str
+    stamps: Mapping[str, tuple[str, str, str]]  # columns that are two of the table
 
     @classmethod
     def read(cls, path: Path, grid: Grid | None, bench: Bench, bench_name: str) -> _Table:
-        if grid is not None:
-            return cls(path, grid, None, "table in memory", True, bench, bench_name)
-        format_ = format_of(path)
-        form = form_of_file(path) if format_.name == "text" else None
-        return cls(path, read_grid(path), form, format_.title, False, bench, bench_name)
+        form, kind = None, "table in memory"
+        raw = grid
+        if raw is None:
+            format_ = format_of(path)
+            form, kind = form_of_file(path) if format_.name == "text" else None, format_.title
+            raw = read_grid(path)
+        seen, stamps = with_stamps(raw)
+        return cls(path, raw, seen, form, kind, grid is not None, bench, bench_name, stamps)
 
     def map_content(self, found: Mapping[str, Proposal], problems: list[Problem]) -> dict[str, Any]:
-        return map_content(found, self.grid, self.form, self.bench_name, self.bench, problems)
+        content = map_content(found, self.grid, self.form, self.bench_name, self.bench, problems)
+        if (two := self.stamps.get(content.get("time", {}).get("column", ""))) is not None:
+            content["time"] = {"column": two[0], "unit": "s", "plus": two[1], "plus_unit": two[2]}
+        return content
 
 
 @dataclass
@@ -220,16 +230,16 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
     content = table.map_content(found, problems)
     used = {own.column for own in found.values()} | {own.clock for own in found.values()}
     unused = tuple(name for name in table.grid.columns if name not in used)
-    likelier = column_problems(found, problems, bench, table.grid)
+    likelier = column_problems(found, problems, bench, in_samples(found, table.grid))
     rows: Any = None  # that can be imported; None for the unchanged file
     disordered = False
     if TIME in found:
         disordered, rows = _rows_in_order(table.grid, found, problems)
         odd = table.form is not None and any(column.odd for column in table.grid.columns.values())
         rows = rows if disordered or odd else None  # what is wrong elsewhere has been reported
-    trial_grid = table.grid if table.given else None
+    trial_grid = table.raw if table.given else None
     if rows is not None:
-        trial_grid = table.grid.cut(rows)
+        trial_grid = table.raw.cut(rows)
     trial = _trial_imports(table, found, content, likelier, trial_grid, problems)
     recording, remarks = trial.recording, trial.remarks
     if recording is not None and not trial.setups and not any(problem.asks for problem in problems):
@@ -247,6 +257,35 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
         trial.content,
         recording,
     )
+
+
+def in_samples(found: Mapping[str, Proposal], grid: Grid) -> Grid:
+    """Return a table without rows that are no samples, as an import takes it: slow readings may have their own rows."""
+    own = {
+        name: item
+        for name, item in found.items()
+        if name in READINGS and not item.clock and not item.pulses and grid.columns[item.column].numeric
+    }
+    time = found.get(TIME)
+    lengths = {len(column.values) for column in grid.columns.values() if column.numeric or column.dated}
+    if time is None or len(lengths) > 1:
+        return grid
+    values = {
+        name: np.asarray(grid.columns[item.column].values, dtype=np.float64) for name, item in own.items()
+    }
+    slow = {name: array for name, array in values.items() if READINGS[name].constant}
+    fast = {name: array for name, array in values.items() if name not in slow}
+    if not fast or not slow or all(np.isfinite(array).all() for array in slow.values()):
+        return grid
+    samples = sample_rows(fast, slow)
+    when = np.asarray(grid.columns[time.column].values).astype(np.float64)
+    moved = {own[name].column: interpolated(when, array, samples) for name, array in slow.items()}
+    cut = grid.cut(samples)
+    columns = {
+        name: column if (new := moved.get(name)) is None else replace(column, values=new)
+        for name, column in cut.columns.items()
+    }
+    return replace(cut, columns=columns)
 
 
 def _table_problems(table: _Table) -> list[Problem]:

@@ -89,8 +89,9 @@ def dates_of(values: Any) -> Any:
     """Return a column of texts as dates with times, or None if one of them is no date.
 
     `values`: texts; null where a cell is empty. Dates as in ISO 8601, all with a zone behind them or none, or
-    as in `_TO_ISO`. A date such as 05/04/2026 is ambiguous, and refused.
+    as in `_TO_ISO`. 05/04/2026 is ambiguous, and refused, but before a time with AM or PM.
     """
+    values = _of_24_hours(values)
     for _ in range(2):
         for zone in (None, "UTC"):
             with contextlib.suppress(pa.ArrowException):
@@ -98,6 +99,32 @@ def dates_of(values: Any) -> Any:
         for old, new in _TO_ISO:
             values = pc.replace_substring_regex(values, old, new)
     return None
+
+
+_HALF_DAY: Final = (
+    r"^(?P<date>.*?)[ T,;]*(?P<hour>\d{1,2})(?P<rest>:\d{2}(?::\d{2}(?:[.,]\d+)?)?)"
+    r" ?(?P<half>[AaPp])\.?[Mm]\.?$"
+)
+
+
+def _of_24_hours(values: Any) -> Any:
+    """Return dates with times of 12 hours, AM or PM, as such of 24 hours; others as they are."""
+    if not values.null_count < len(values) or not pc.all(pc.match_substring_regex(values, _HALF_DAY)).as_py():
+        return values
+    part = pc.extract_regex(
+        values.combine_chunks() if hasattr(values, "combine_chunks") else values, _HALF_DAY
+    )
+    date, hour, rest, half = (part.field(name) for name in ("date", "hour", "rest", "half"))
+    hours = pc.cast(pc.if_else(pc.equal(hour, ""), "0", hour), pa.int64())
+    hours = pc.subtract(hours, pc.multiply(12, pc.cast(pc.equal(hours, 12), pa.int64())))
+    hours = pc.add(hours, pc.multiply(12, pc.cast(pc.equal(pc.utf8_lower(half), "p"), pa.int64())))
+    for old, new in (
+        (r"^(\d)/", r"0\1/"), (r"^(\d\d)/(\d)/", r"\1/0\2/"), (r"^(\d\d)/(\d\d)/(\d{4})$", r"\3-\1-\2"),
+    ):  # fmt: skip
+        date = pc.replace_substring_regex(date, old, new)
+    text = pc.utf8_lpad(pc.cast(hours, pa.string()), 2, "0")
+    joined = pc.binary_join_element_wise(date, pc.binary_join_element_wise(text, rest, ""), " ")
+    return pc.if_else(pc.equal(rest, ""), None, joined)
 
 
 def _floats(texts: Any) -> NDArray[np.float64]:
