@@ -344,7 +344,7 @@ class MissedVoltages:
     samples, voltages : float
         Samples of the recording and voltages of the loop in a second [1/s].
     noise : float
-        Noise of the coil voltages in averages over windows, relative to that of a recording of all.
+        Noise of the mean torque of the coils in a window that comes of it, in the middle of all windows [N·m].
     """
 
     samples: float

@@ -116,10 +116,10 @@ def import_table(
     readings["spin_angle"] = np.mod(readings["spin_angle"], 2.0 * math.pi)
     # a remainder may round up to the divisor itself
     readings["spin_angle"][readings["spin_angle"] >= 2.0 * math.pi] = 0.0
-    voltages = 1.0 / bench.sample_period
-    if clock.period * voltages > 1.0 + _OTHER_RATE:
+    slower = clock.period / bench.sample_period
+    if slower > 1.0 + _OTHER_RATE:
         remarks.append(
-            f"the loop of the bench gives {voltages:.5g} voltages a second: {1.0 - 1.0 / (clock.period * voltages):.0%} "
+            f"the loop of the bench gives {1.0 / bench.sample_period:.5g} voltages a second: {1.0 - 1.0 / slower:.0%} "
             "of them are not in the table, and averages are noisier, unless its loop runs at another rate "
             "(`sample_period` of the bench); record averages over each sample, or at the rate of the loop"
         )
