@@ -5,24 +5,28 @@ from __future__ import annotations
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gyrowheel_analysis.criteria import OTHER_RATE
+from gyrowheel_analysis.criteria import CONE_DRIFT, CONE_OFF_SPEED, OTHER_RATE
 from gyrowheel_analysis.reduction.clock import evened
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import READING_NOISES, clipped_readings, readable, reading_noise
-from gyrowheel_analysis.reduction.samples import Samples, loop_period
+from gyrowheel_analysis.reduction.samples import Array, Samples, loop_period
 from gyrowheel_analysis.reduction.window_fit import (
     FEWEST_REVOLUTIONS,
+    FEWEST_SAMPLES,
     SHORTEST,
     fit_window,
     spin_terms,
 )
 from gyrowheel_analysis.reduction.windows import (
     DEGREE,
+    MEAN,
+    RISE,
     Coverage,
     MissedVoltages,
     Windows,
@@ -32,6 +36,7 @@ from gyrowheel_analysis.reduction.windows import (
 from gyrowheel_control.plans.plan import HOLD, Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG
+from gyrowheel_recording.bags.reader import PAUSE, pauses
 from gyrowheel_recording.derived import assumed_rig
 from gyrowheel_sim.bench import Bench
 
@@ -250,7 +255,8 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
             if begin > a:
                 left_out[_UNSETTLED] += begin - a
     assumed = (*assumed_rig(data.environment), *assumed)
-    return Windows.of(rows), Coverage(length, used, dict(left_out), assumed, _missed(rows, h, loop, bench))
+    missed = _missed(rows, h, loop, bench)
+    return Windows.of(rows), Coverage(length, used, dict(left_out), assumed, missed)
 
 
 def _missed(
@@ -262,3 +268,70 @@ def _missed(
     volts = READING_NOISES.index("coil_voltage_noise")
     noise = np.median([row["reading_noise"][volts] / math.sqrt(row["samples"]) for row in rows])
     return MissedVoltages(1.0 / period, 1.0 / loop, float(noise) * bench.value("coil_constant"))
+
+
+def _without_samples(time: Array, spans: Sequence[Span]) -> Array:
+    """Return the pauses between samples, and the time long before the first or after the last one."""
+    found = pauses(time)
+    if not len(time):
+        return found
+    first, last = float(time[0]), float(time[-1])
+    early = any(start < first - PAUSE for start, *_ in spans)
+    late = any(stop > last + PAUSE for _, stop, *_ in spans)
+    before, after = [(-math.inf, first)] * early, [(last, math.inf)] * late
+    return np.concatenate([np.reshape(before, (-1, 2)), found, np.reshape(after, (-1, 2))])
+
+
+def _unbroken(spans: Sequence[Span], paused: Array) -> Iterator[Span]:
+    """Yield the parts of steady motions between pauses, whose own motion is unknown."""
+    for start, stop, segment, turn in spans:
+        begin = start
+        for last, first in paused[(paused[:, 1] > start) & (paused[:, 0] < stop)].tolist():
+            yield begin, last, segment, turn
+            begin = max(first, begin)
+        yield begin, stop, segment, turn
+
+
+def _window(
+    data: Samples,
+    clipped: NDArray[np.bool_],
+    fit: Callable[[int, int], dict[str, Any] | None],
+    begin: float,
+    end: float,
+    cone_speed: float | None,
+) -> tuple[dict[str, Any] | None, float, str]:
+    """Return the window between two times, its start, and the reason if there is none (empty: too few samples).
+
+    The window of a hold that has not settled starts later. That of a cone cannot; it must have reached `cone_speed`.
+    """
+    why = ""
+    while end - begin >= SHORTEST:
+        i, j = (int(k) for k in np.searchsorted(data.time, (begin - 1e-9, end - 1e-9)))
+        if clipped[i:j].any():
+            return None, begin, _CLIPPED
+        row = fit(i, j)
+        if row is None:
+            return None, begin, why
+        unsettled = row.pop("unsettled")
+        if cone_speed is not None and not _at_speed(row, cone_speed, end - begin):
+            return None, begin, _OFF_SPEED
+        if not unsettled:
+            return row, begin, ""
+        why = _UNSETTLED
+        if cone_speed is not None:
+            break
+        begin += _SETTLES_BY
+    return None, begin, why
+
+
+def _why_too_few(time: Array, without: Array, start: float, stop: float, h: float) -> str:
+    """Return why there are too few samples between two times: unread, if the omitted ones would have sufficed."""
+    have, unread = (int(np.diff(np.searchsorted(times, (start, stop)))[0]) for times in (time, without))
+    needed = FEWEST_SAMPLES * (stop - start) / h
+    return _UNREAD if have < needed <= have + unread else _TOO_FEW
+
+
+def _at_speed(row: dict[str, Any], last: float, length: float) -> bool:
+    """Whether the rotor has reached the speed of a cone, and is not at a turning point of it."""
+    change, mean = row["spin"] @ RISE[:DEGREE], row["spin"] @ MEAN[:DEGREE]
+    return abs(change) <= CONE_DRIFT * length and abs(mean - last) <= CONE_OFF_SPEED * last
