@@ -28,8 +28,10 @@ ZSTD: Final = b"\x28\xb5\x2f\xfd"
 _PIECE: Final = 1 << 20
 _SEEN: Final = 1 << 18  # bytes by which the form of a text is detected
 _LOOKED_AT: Final = 200  # lines
+_NEARLY_ALL: Final = 0.9
 _ALL_GIVEN: Final = 6  # fields of a form: nothing is to be seen
-_MOST_BREAKS: Final = 5  # of lines, within one in quotes
+_MOST_BREAKS: Final = 500  # of lines, within one in quotes
+_OPEN: Final = re.compile(r'(^|[,;\t| ])"[^"]*$')  # a cell in quotes that does not end in its line
 _DELIMITERS: Final = ("\t", ";", ",", "|", " ")
 _COMMENTS: Final = ("#", "%", "//", ";", "!", '"#')
 _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|nan|[-+]?inf|", re.IGNORECASE)
@@ -118,10 +120,11 @@ def lines_of(text: str) -> list[str]:
     k = 0
     while k < len(lines):
         line, more = lines[k], 0
-        while line.count('"') % 2 and more < _MOST_BREAKS and k + more + 1 < len(lines):
-            more += 1
-            line = f"{line} {lines[k + more]}"
-        closed = not line.count('"') % 2
+        if line.count('"') % 2 and _OPEN.search(line):
+            while line.count('"') % 2 and more < _MOST_BREAKS and k + more + 1 < len(lines):
+                more += 1
+                line = f"{line} {lines[k + more]}"
+        closed = more and not line.count('"') % 2
         result.append(line if closed else lines[k])
         k += 1 + (more if closed else 0)
     return result
@@ -338,11 +341,12 @@ class _Shape:
 
 def _counts_rows(cells: Sequence[str]) -> bool:
     """Whether cells are the numbers of rows, as R writes them before each row, without a name above them."""
-    return (
-        len(cells) > 1
-        and cells[0] in ("0", "1")
-        and all(cell.isdecimal() and int(cell) == int(cells[0]) + k for k, cell in enumerate(cells))
-    )
+    if len(cells) < 2 or cells[0] not in ("0", "1") or not all(cell.isdecimal() for cell in cells):
+        return False
+    steps = [int(later) - int(cell) for cell, later in itertools.pairwise(cells)]
+    return min(steps) > 0 and steps.count(1) >= _NEARLY_ALL * len(
+        steps
+    )  # rows with odd cells are not looked at
 
 
 def _head(line: str, delimiter: str, shape: _Shape) -> list[str]:

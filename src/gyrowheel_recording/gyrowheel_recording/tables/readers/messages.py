@@ -109,7 +109,9 @@ def columns_of(
     parts: dict[str, TopicColumns] = {}
     for topic, frames in topics.items():
         every = sum(own.count for own in frames.values())
-        several = [frame for frame, own in frames.items() if own.count > max(_FEW * every, 1) and own.parts]
+        several = [frame for frame, own in frames.items() if own.count > max(_FEW * every, 1)]
+        if names is None and not any(own.parts for own in frames.values()):
+            several = []
         if len(several) > 1 and names is not None and any(name.startswith(f"{topic}.") for name in names):
             allowed = ", ".join(f"{topic}@{frame}" for frame in several)
             raise InputError(f"{topic}: its messages are of {len(several)} frames; allowed: {allowed}")
