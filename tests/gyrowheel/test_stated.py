@@ -32,7 +32,8 @@ def columns() -> dict[str, np.ndarray]:
 
 
 def split(name: str) -> tuple[str, str]:
-    return tuple(name[:-1].split(" ["))
+    label, unit = name[:-1].split(" [")
+    return label, unit
 
 
 # --- TDMS ---
