@@ -35,6 +35,8 @@ from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import steady_spans
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_core.readings import READINGS, Readings
+from gyrowheel_recording.derived import ASSUMED
+from gyrowheel_recording.mislabelled.held import held_readings
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
@@ -117,6 +119,8 @@ class Shown:
         Highest speed of the steady motion [rad/s].
     commanded : bool
         Whether the commands are known, relative to which the noise of the coil voltages is measured.
+    held : dict of str to float
+        Samples over which each slow reading is repeated, where that is more than one. Of others it is a wrong setup.
     """
 
     lines: tuple[Line, ...] = ()
@@ -127,6 +131,7 @@ class Shown:
     stamps: Stamps | None = None
     spin: float = 0.0
     commanded: bool = False
+    held: dict[str, float] = field(default_factory=dict)
 
     def weighed(self, windows: Windows, elsewhere: Sequence[Shown] = ()) -> Windows:
         """Return the windows with the noise that hum and steps add.
@@ -179,7 +184,14 @@ def look(data: Samples, windows: Windows, bench: Bench) -> Shown:
         stamps,
         float(windows.mean_spin.max()),
         data.commanded is not None,
+        held=_held(data, bench),
     )
+
+
+def _held(data: Samples, bench: Bench) -> dict[str, float]:
+    """Return over how many samples slow readings are repeated."""
+    numbers = np.arange(len(data.time)) if data.sequence is None else data.sequence.astype(np.int64)
+    return held_readings(data.readings, data.time, numbers, bench, tuple(ASSUMED))
 
 
 Remark = Literal["", "heavy_tails", "bursts", "sampled", "stamped", "hidden", "stamps_off", "sampling_off"]
@@ -196,7 +208,7 @@ class ReadingFinding:
     channel : str
         The reading, ``mains`` or ``clock``.
     quantity : str
-        ``hum``, ``resolution``, ``outliers``, ``frequency``, ``jitter`` or ``rate_error``.
+        ``hum``, ``held``, ``resolution``, ``outliers``, ``frequency``, ``jitter`` or ``rate_error``.
     value, standard_error : float
         Estimate from the samples [`unit`].
     stated : float
@@ -342,6 +354,13 @@ def _outliers(own: Shown, recording: str) -> list[ReadingFinding]:
         )
         result.append(finding)
     return result
+
+
+def _helds(own: Shown, recording: str) -> list[ReadingFinding]:
+    return [
+        ReadingFinding(f"{name}_held", name, "held", rows, 0.0, 1.0, "1", None, recording)
+        for name, rows in own.held.items()
+    ]
 
 
 def _resolution(reading: str) -> str:

@@ -24,6 +24,7 @@ from gyrowheel_core.errors import InputError, printable
 from gyrowheel_core.files import new_file, write_text
 from gyrowheel_core.units import DEG, conversion
 from gyrowheel_recording.bags import Origin, Recording, RecordingWriter, described
+from gyrowheel_recording.derived import ASSUMED
 from gyrowheel_recording.mapping.clock import Clock
 from gyrowheel_recording.mapping.map_file import (
     COMMANDS,
@@ -37,6 +38,7 @@ from gyrowheel_recording.mapping.map_file import (
 )
 from gyrowheel_recording.mapping.pulses import PulseError, ShaftAngle, angle_from_pulses
 from gyrowheel_recording.mapping.table import Table, check_suffix
+from gyrowheel_recording.mislabelled.held import rows_a_value
 from gyrowheel_recording.tables import Grid
 from gyrowheel_sim import environment as environments
 
@@ -116,6 +118,11 @@ def import_table(
     readings["spin_angle"] = np.mod(readings["spin_angle"], 2.0 * math.pi)
     # a remainder may round up to the divisor itself
     readings["spin_angle"][readings["spin_angle"] >= 2.0 * math.pi] = 0.0
+    remarks += [
+        f"{name} is new in one of {rows:.3g} rows only"
+        for name in ASSUMED
+        if (rows := rows_a_value(readings[name].astype(np.float64), sequence)) > 1.0
+    ]
     slower = clock.period / bench.sample_period
     if slower > 1.0 + _OTHER_RATE:
         remarks.append(

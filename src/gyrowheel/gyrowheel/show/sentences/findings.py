@@ -107,6 +107,13 @@ def instrument_open(found: InstrumentFinding) -> str:
     return f"{instrument_sentence(found).rstrip('.')}, but {others} would explain it as well."
 
 
+def every(rows: float) -> str:
+    """Return so many samples as words: every 2nd, every 6.7th."""
+    text = f"{rows:.3g}"
+    teens = "." in text or text[-2:] in ("11", "12", "13")
+    return f"every {text}{'th' if teens else {'1': 'st', '2': 'nd', '3': 'rd'}.get(text[-1], 'th')}"
+
+
 def reading_sentence(found: ReadingFinding) -> str:
     """Return a deviation found in the samples next to the stated value, for example hum of the tilt reading."""
     name, stated = _NAMES.get(found.channel, found.channel), _stated(found)
@@ -120,6 +127,8 @@ def reading_sentence(found: ReadingFinding) -> str:
         return f"The {name} has a hum of {value} at {where}; stated {stated}."
     if found.quantity == "frequency":
         return f"The mains has {value}; stated {stated}."
+    if found.quantity == "held":
+        return f"The {name} is new in {every(found.value)} sample only."
     if found.quantity == "resolution":
         if found.value == 0.0:
             return f"The {name} does not go in steps; stated {stated}."

@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from gyrowheel.show.sentences.findings import every
 from gyrowheel_core.quantities import listed
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def _what(found: WrongSetup) -> str:
     if found.kind == "stuck":
         return f"{names} stays at {found.value:.6g} [SI]"
     if found.kind == "held":
-        return f"{names} {verb} new in {_every(found.value)} sample only"
+        return f"{names} {verb} new in {every(found.value)} sample only"
     if found.kind == "foreign":
         return "tilts and coil voltages do not belong together, as of two recordings or of other wires"
     if found.kind == "reversed":
@@ -89,17 +90,6 @@ def _what(found: WrongSetup) -> str:
             return f"spin_angle counts {1.0 / abs(factor):g} turns a turn of the rotor{sense}"
         return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as they are"
     return f"is of another machine than {found.unit}"
-
-
-def _every(rows: float) -> str:
-    """Return so many samples as words: every 2nd, every 6.7th."""
-    text = f"{rows:.3g}"
-    ending = (
-        "th"
-        if "." in text or text[-2:] in ("11", "12", "13")
-        else {"1": "st", "2": "nd", "3": "rd"}.get(text[-1], "th")
-    )
-    return f"every {text}{ending}"
 
 
 def _evidence(found: WrongSetup) -> str:

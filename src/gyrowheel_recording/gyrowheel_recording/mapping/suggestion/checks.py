@@ -229,7 +229,7 @@ _CLEAR_STEPS: Final = 6.0  # robust standard deviations of the steps, as for the
 _RANGES: Final = tuple(2.0**k for k in (8, 12, 15, 16, 24, 31, 32))
 _COUNTERS: Final = (
     *_RANGES, *(own * part for own in _RANGES for part in (1e-3, 1e-6, 1e-9)),
-    1e3, 6e4, 1e5, 1e6, 1e9, 60.0, 3600.0, 86400.0,
+    *(own * ticks for own in (60.0, 3600.0, 86400.0) for ticks in (1.0, 1e3, 1e6, 1e9)), 1e3, 1e5, 1e6, 1e9,
 )  # fmt: skip
 _NEAR: Final = 3.0  # steps by which the last value of a counter may be short of its range
 _MANY: Final = 0.05  # of the rows: rows that go back so often are those of several loggers
