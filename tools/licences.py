@@ -73,7 +73,7 @@ _OPTIONAL: Final = {
 #: Bundled parts of other projects whose licence the package does not state: name and licence.
 _WITHIN: Final = {"axe-playwright-python": ("axe-core", "MPL-2.0")}
 #: First lines of licence files, where a package states its licence in no other way.
-_HEADS: Final = {"Apache License": "Apache-2.0", "MIT License": "MIT"}
+_HEADS: Final = {"Apache License": "Apache-2.0", "MIT License": "MIT", "2-Clause BSD": "BSD-2-Clause"}
 _LESSER: Final = frozenset({"LGPL-2.1-or-later", "LGPL-3.0-only", "LGPL-3.0-or-later"})
 _HEAD: Final = """\
 # Licences
@@ -135,8 +135,8 @@ def _stated(package: Distribution) -> list[str]:
     manifest = Path(sys.prefix, "share", own, "package.xml")
     if manifest.is_file():
         return re.findall(r"<license[^>]*>\s*([^<]*?)\s*</license>", manifest.read_text(encoding="utf-8"))
-    files = [file for file in package.files or () if file.name == "LICENSE" and ".dist-info" in str(file)]
-    heads = [" ".join(file.read_text(encoding="utf-8").split("\n", 3)[:3]) for file in files]
+    files = [file for file in package.files or () if file.stem == "LICENSE" and ".dist-info" in str(file)]
+    heads = [" ".join(file.read_text(encoding="utf-8").split("\n", 5)[:5]) for file in files]
     return [word for head in heads for words, word in _HEADS.items() if words in head]
 
 

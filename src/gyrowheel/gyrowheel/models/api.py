@@ -268,6 +268,27 @@ class Model(Shown):
         """
         self._details.save(path)
 
+    def export(self, path: str | Path, format: str | None = None) -> None:
+        """Write the plant, without noise, for other programs; the controller and the plan are theirs.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+        format : str, optional
+            ``python``: a module (.py) that needs NumPy alone. ``fmu``: a functional mock-up unit (.fmu, FMI 2.0 for
+            co-simulation), which runs that module. By default the ending of the path decides.
+
+        Raises
+        ------
+        InputError
+            If the format is not known or not that of the path, its package is not installed, or the file cannot be
+            written.
+        """
+        from gyrowheel.models.export import export
+
+        export(self._details, Path(path), format)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the content of the model file."""
         return self._details.to_mapping()

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from gyrowheel.catalogue.api import Effect
 
 model_app = typer.Typer(
-    help="Edit a model file: new, add, fit, remove, show, undo, diff.",
+    help="Edit a model file: new, add, fit, remove, show, undo, diff, export.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
@@ -201,6 +201,23 @@ def show(model: ModelFile, json: Json = None) -> None:
     from gyrowheel import Model
 
     put(Model.load(model), json)
+
+
+@model_app.command(epilog=example("gyrowheel model export --model wheel.yaml -o wheel.fmu"))
+def export(
+    model: ModelFile,
+    output: Annotated[Path, option("-o --output FILE", "File to write: .fmu or .py.")],
+    format_: Annotated[
+        str | None, option("--format F", "fmu (FMI 2.0, co-simulation) or python.", "by the file's ending")
+    ] = None,
+) -> None:
+    """Write the plant of a model for other programs: an FMU for Simulink or Modelica, or a Python module."""
+    from gyrowheel import Model
+
+    require_writable(output)
+    with working("exporting"):
+        Model.load(model).export(output, format_)
+    out().print(f"plant: {output}", soft_wrap=True)
 
 
 @model_app.command(epilog=example("gyrowheel model undo --model wheel.yaml"))

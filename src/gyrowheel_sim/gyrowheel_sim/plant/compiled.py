@@ -123,7 +123,15 @@ N_ROWS, N_FILTER, FILTERS, ROWS, WIDTH = {memory_sizes}
 def compiled_plant(
     effects: Sequence[Effect], extra: Sequence[tuple[str, str]] = (), layouts: Sequence[type[Column]] = ()
 ) -> ModuleType:
-    """Return the compiled module of the plant with these effects; cached on disk by content.
+    """Return the compiled module of the plant with these effects, as `plant_source`; cached on disk by content."""
+    text = plant_source(effects, extra, layouts)
+    return compile_source(text, "the laws of the effects and the kernels of the bench")
+
+
+def plant_source(
+    effects: Sequence[Effect], extra: Sequence[tuple[str, str]] = (), layouts: Sequence[type[Column]] = ()
+) -> str:
+    """Return the source of the plant with these effects.
 
     Parameters
     ----------
@@ -135,7 +143,7 @@ def compiled_plant(
         Array indices that those files use.
     """
     indices: tuple[type[Column], ...] = (State, Surroundings, Reading, Drift, Past, Chain, *layouts)
-    text = _TEMPLATE.format(
+    return _TEMPLATE.format(
         indices="\n".join(map(source, indices)),
         drift_start=DRIFT_START,
         memory_start=MEMORY_START,
@@ -148,4 +156,3 @@ def compiled_plant(
         plant=kernel_text("gyrowheel_sim", "plant/kernel.py"),
         further="\n".join(kernel_text(package, name) for package, name in extra),
     )
-    return compile_source(text, "the laws of the effects and the kernels of the bench")
