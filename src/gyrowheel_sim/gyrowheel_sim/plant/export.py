@@ -35,7 +35,7 @@ import numpy as np
 
 
 def njit(function=None, **options):
-    """Leave a function as it is; numba.njit in its place compiles the module."""
+    """Leave a function as it is."""
     return (lambda own: own) if function is None else function
 
 
