@@ -104,3 +104,28 @@ def test_a_formula_that_explains_nothing_does_not_raise_the_noise(recordings: di
     # and it is not taken twice
     with pytest.raises(InputError, match=r"effects\.stator_pull: the model has it already"):
         add_effect(added.model, [useless], [recordings["with"]])
+
+
+def test_a_bench_parameter_ends_at_the_limit_of_what_a_model_file_holds(
+    recordings: dict[str, Recording], tmp_path: Path
+) -> None:
+    """The model has six times the drag that the bearing has: only a bearing that drives would make up for it."""
+    model = replace(Model.new(), effects={"eddy_drag": {"e": 6e-6}})
+    added = add_effect(model, ["aero_cross"], [recordings["without"]])
+    viscous = added.model.overrides["bearing_viscous"].value
+    assert 0.0 <= viscous < 1e-12
+    assert (
+        Model.load(_saved(added.model, tmp_path / "model.yaml")).overrides["bearing_viscous"].value == viscous
+    )
+    (doubt,) = (own for own in added.doubts if own.kind == "bounded")
+    assert doubt_sentence(doubt) == (
+        "bearing_viscous ends at a limit of its possible values: aero_cross, or another effect of the model, takes too "
+        "much of its place; fit recordings at more spin rates and tilts as well, or remove that effect"
+    )
+    free = add_effect(Model.new(), ["aero_cross"], [recordings["with"]])
+    assert not [own for own in free.doubts if own.kind == "bounded"]
+
+
+def _saved(model: Model, path: Path) -> Path:
+    model.save(path)
+    return path

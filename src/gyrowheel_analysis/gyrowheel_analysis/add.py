@@ -40,15 +40,17 @@ class Doubt:
         ``weak``: an added effect hardly differs from zero. ``moved``: a coefficient of the model moved farther than
         chance explains. ``off_air_model``: a coefficient lies far from that of the air model. ``unconstrained``: the
         recordings do not determine a coefficient of the air model. ``impossible``: an added effect has a physically
-        impossible coefficient. ``unusual``: one is many times its usual size.
+        impossible coefficient. ``unusual``: one is many times its usual size. ``bounded``: a bench parameter or a
+        coefficient of the model ends at a limit of what a model file may hold, as the added effect takes its place.
     effect, coefficient : str
-        The effect and its coefficient; the latter empty for ``weak`` and ``impossible``.
+        The effect and its coefficient; the latter empty for ``weak`` and ``impossible``, and what ends at a limit for
+        ``bounded``.
     size : float
         Distance [standard errors, or uncertainties of the air model], or times the largest usual size; 0 for
         ``unconstrained`` and ``impossible``.
     """
 
-    kind: Literal["weak", "moved", "off_air_model", "unconstrained", "impossible", "unusual"]
+    kind: Literal["weak", "moved", "off_air_model", "unconstrained", "impossible", "unusual", "bounded"]
     effect: str
     coefficient: str = ""
     size: float = 0.0
@@ -179,12 +181,26 @@ def _doubts(
         for b in beyond(problem, after, terms)
         if b.kind == "unusual"
     ]
+    doubts += [Doubt("bounded", *pair) for pair in _bounded(problem, after)]
     doubts += [
         Doubt("moved", name, key, abs(far))
         for (name, key), far in problem.unknowns.moved(after.nuisance).items()
         if abs(far) > MOVED and name not in air
     ]
     return doubts
+
+
+def _bounded(problem: Problem, after: Fit) -> Iterator[tuple[str, str]]:
+    """Yield each nuisance unknown that a fit took to its limit, behind the added effect that is most like it."""
+    unknowns = problem.unknowns
+    names = [group for group, _ in unknowns.nuisances] + [f"{name} {key}" for name, key, _ in unknowns.loose]
+    size = np.sqrt(np.diag(after.covariance))
+    for name, at, own, low, high in zip(
+        names, range(unknowns.count), after.nuisance, *unknowns.limits(), strict=True
+    ):
+        if own in (low, high) and after.columns:
+            alike = np.abs(after.covariance[at, unknowns.count :]) / size[unknowns.count :]
+            yield after.columns[int(np.argmax(alike))][0], name
 
 
 def _effects(

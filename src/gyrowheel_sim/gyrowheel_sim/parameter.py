@@ -280,8 +280,19 @@ def _parameter(name: str, entry: ParameterEntry) -> Parameter:
 
 
 def physical_range(name: str) -> tuple[float, float]:
-    """Return the physically possible values of a parameter (low, high), infinite where there is no limit."""
-    return (0.0 if name in _POSITIVE | _NOT_NEGATIVE else -math.inf, math.inf)
+    """Return the possible values of a parameter (low, high), infinite where there is no limit.
+
+    A low of zero is itself impossible for some.
+    """
+    if name in INSTRUMENTS and name not in _NOT_NEGATIVE:
+        if name.endswith("_delay"):
+            return -LONGEST_DELAY, LONGEST_DELAY
+        if name.endswith("_filter_order"):
+            return 1, HIGHEST_ORDER
+        if name == "clock_rate_error":
+            return -0.1, 0.1
+    high = SLOWEST_FILTER if name.endswith("_filter_time") else math.inf
+    return (0.0 if name in _POSITIVE | _NOT_NEGATIVE else -math.inf, high)
 
 
 def check_value(name: str, value: Any, where: str = "") -> float:
@@ -301,16 +312,8 @@ def check_value(name: str, value: Any, where: str = "") -> float:
 
 
 def _check_instrument(name: str, value: float, place: str) -> None:
-    low, high = -math.inf, math.inf
-    if name.endswith("_delay"):
-        low, high = -LONGEST_DELAY, LONGEST_DELAY
-    elif name.endswith("_filter_time"):
-        low, high = 0.0, SLOWEST_FILTER
-    elif name.endswith("_filter_order"):
-        low, high = 1, HIGHEST_ORDER
-        if value != round(value):
-            raise InputError(f"{place}: {value:g} is out of range; allowed: 1, 2, 3 or 4")
-    elif name == "clock_rate_error":
-        low, high = -0.1, 0.1
+    low, high = physical_range(name)
+    if name.endswith("_filter_order") and value != round(value):
+        raise InputError(f"{place}: {value:g} is out of range; allowed: 1, 2, 3 or 4")
     if not low <= value <= high:
         raise InputError(f"{place}: {value:g} is out of range; allowed: {low:g} .. {high:g}")

@@ -18,7 +18,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, physical, registry
 from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
-from gyrowheel_sim.parameter import Parameter
+from gyrowheel_sim.parameter import Parameter, physical_range
 
 #: Bench parameters whose error is a separate finding: {finding: groups that move by one common factor}.
 ERRORS: dict[str, tuple[str, ...]] = {
@@ -186,7 +186,14 @@ NUISANCE_GROUPS = (
     *INSTRUMENT_PARAMETERS,
 )
 _HELD = 1.0e4  # inverse prior deviation of an unknown that is fixed at its prior value
+_INSIDE = 1.0 - 1.0e-9  # of the way to a limit, which rounding must not pass
 _RELATIVE_ERROR_BOUNDS = (-0.9, 10.0)
+
+
+def _deviations(value: float, size: float, limits: tuple[float, float]) -> tuple[float, float]:
+    """Return between which multiples of a size a value stays within limits; one beyond them may stay."""
+    low, high = limits
+    return min((low - value) / size * _INSIDE, 0.0), max((high - value) / size * _INSIDE, 0.0)
 
 
 class Unknowns:
@@ -340,6 +347,20 @@ class Unknowns:
         if term.effect is None:
             return _RELATIVE_ERROR_BOUNDS
         return next(c.bounds for c in term.effect.coefficients if c.name == name)
+
+    def limits(self) -> tuple[Array, Array]:
+        """Return the least and the largest nuisance unknowns (q,): those of values that a model file may hold."""
+        found = [
+            [_deviations(p.value, p.uncertainty, physical_range(p.name)) for p in group]
+            for _, group in self.nuisances
+        ]
+        for name, key, error in self.loose:
+            bounds = next(c.bounds for c in self.library[name].coefficients if c.name == key)
+            found.append([_deviations(self.known[name][key], error, bounds)])
+        return (
+            np.array([max(low for low, _ in own) for own in found]),
+            np.array([min(high for _, high in own) for own in found]),
+        )
 
     def prior(self, terms: Sequence[Term]) -> tuple[Array, list[tuple[str, str]]]:
         """Return the inverse prior deviations of all unknowns and the list of the coefficients among them.

@@ -190,12 +190,15 @@ class Problem:
         free = self.fit(())
         if np.abs(free.nuisance).max(initial=0.0) <= bound:
             return free
+        low, high = self.unknowns.limits()
+        low, high = np.maximum(low, -bound), np.minimum(high, bound)
         x, measured = np.zeros(self.count), self.measured
         for _ in range(3):
             residual = measured - self.predict(Point((), x, {}))
             design = np.vstack([self.noise.whiten(self.base_jacobian), np.eye(self.count)])
             target = np.concatenate([self.noise.whiten(residual), -x])
-            x = x + lsq_linear(design, target, bounds=(-bound - x - 1e-9, bound - x + 1e-9)).x
+            x = x + lsq_linear(design, target, bounds=(low - x - 1e-9, high - x + 1e-9)).x
+        x = np.clip(x, low, high)
         residual = measured - self.predict(Point((), x, {}))
         white = self.noise.whiten(residual)
         rows = float(white @ white)

@@ -54,6 +54,7 @@ class Objective:
         self.count = prediction.unknowns.count
         self.inverse, self.columns = prediction.unknowns.prior(self.terms)
         self.centre = prediction.unknowns.centre(self.terms)
+        self._bounds = self._all_bounds()
 
     def start(self, point: Point | None) -> Array:
         """Return the vector of a point, with the prior centre for missing coefficients; the prior centre for None."""
@@ -90,17 +91,22 @@ class Objective:
         """Return the whitened derivatives of rows and priors."""
         return np.vstack([self.noise.whiten(jacobian), np.diag(self.inverse)])
 
-    def bounds(self) -> tuple[Array, Array]:
-        """Return lower and upper bounds of all unknowns; the nuisance unknowns have none."""
+    def _all_bounds(self) -> tuple[Array, Array]:
         pairs = [self.prediction.unknowns.bounds(t, name) for t in self.terms for name in t.coefficients]
-        low, high = np.full(len(self.centre), -np.inf), np.full(len(self.centre), np.inf)
-        low[self.count :], high[self.count :] = [p[0] for p in pairs], [p[1] for p in pairs]
-        return low, high
+        low, high = self.prediction.unknowns.limits()
+        return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
 
     def within_bounds(self, x: Array) -> Array:
         """Return the nearest vector within the bounds."""
-        low, high = self.bounds()
-        return np.clip(x, low, high)
+        return np.clip(x, *self._bounds)
+
+    def to_bounds(self, x: Array, step: Array) -> Array:
+        """Return the steps of nuisance unknowns that a step would take beyond their bounds to those; NaN for others."""
+        low, high = (own[: self.count] - x[: self.count] for own in self._bounds)
+        result = np.full(len(step), np.nan)
+        own = step[: self.count]
+        result[: self.count] = np.where(own < low, low, np.where(own > high, high, np.nan))
+        return result
 
 
 @dataclass(frozen=True)
@@ -133,7 +139,7 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
         if np.abs(x[:count] - taken_at).max() > _FAR:
             nuisance_jacobian = objective.nuisance_jacobian(at, nuisance_jacobian)
             taken_at = x[:count].copy()
-        linear = _linear(objective, at, nuisance_jacobian)
+        linear = _linear(objective, x, at, nuisance_jacobian)
         for shortening in _SHORTENINGS:
             trial = objective.within_bounds(x + shortening * linear.step)
             there = objective.at(trial)
@@ -170,8 +176,11 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
     )
 
 
-def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _Step:
-    """Return the Gauss-Newton step and the gain in chi-squared that the linear model predicts for it."""
+def _linear(objective: Objective, x: Array, at: Evaluated, nuisance_jacobian: Array) -> _Step:
+    """Return the Gauss-Newton step from `x` and the gain in chi-squared that the linear model predicts for it.
+
+    A nuisance unknown that it would take beyond its bounds goes there, and the others make the best of it.
+    """
     jacobian = objective.jacobian(at, nuisance_jacobian)
     design = objective.design(jacobian)
     # columns of very different size: scale before solving
@@ -181,8 +190,18 @@ def _linear(objective: Objective, at: Evaluated, nuisance_jacobian: Array) -> _S
     if not (np.isfinite(design).all() and np.isfinite(now).all()):
         # absurd readings, or a bold step far off: no direction is better than another
         return _Step(jacobian, design, size, np.zeros(design.shape[1]), 0.0)
-    step, *_ = np.linalg.lstsq(design / size, now, rcond=1e-12)
-    then = now - (design / size) @ step
+    scaled = design / size
+    step, *_ = np.linalg.lstsq(scaled, now, rcond=1e-12)
+    fixed = np.full(len(step), np.nan)
+    while True:
+        beyond = objective.to_bounds(x, step / size) * size
+        if not (np.isfinite(beyond) & np.isnan(fixed)).any():
+            break
+        fixed = np.where(np.isnan(fixed), beyond, fixed)
+        free = np.isnan(fixed)
+        step = np.where(free, 0.0, fixed)
+        step[free] = np.linalg.lstsq(scaled[:, free], now - scaled @ step, rcond=1e-12)[0]
+    then = now - scaled @ step
     return _Step(jacobian, design, size, step / size, float(now @ now - then @ then))
 
 
@@ -195,6 +214,7 @@ def _boldly(objective: Objective, x: Array, at: Evaluated, before: Array) -> tup
     for _ in range(_BOLD_STEPS):
         if not np.isfinite(at.chi2):
             break
-        x = objective.within_bounds(x + _linear(objective, at, objective.nuisance_jacobian(at, before)).step)
+        columns = objective.nuisance_jacobian(at, before)
+        x = objective.within_bounds(x + _linear(objective, x, at, columns).step)
         at = objective.at(x)
     return x, at
