@@ -19,9 +19,9 @@ from gyrowheel.cli.console import BAD_INPUT, OK
 from .conftest import Wheel
 from .helpers import Shell
 
-#: A space, quotes, a line break, letters of other scripts, marks that mean something in paths of ours, a byte that is
-#: no text, and a dash that no option begins with.
-ODD = os.fsdecode(b"a 'b\" \n\t \xc3\xa9\xe2\x84\xa6 @from= %d {x} \xff -")
+#: A space, quotes, a line break, escapes of terminals, letters of other scripts, marks that mean something in paths of
+#: ours and in formulas of pictures, a byte that is no text, and a dash that no option begins with.
+ODD = os.fsdecode(b"a 'b\" \n\t\x1b[2J\x9b \xc3\xa9\xe2\x84\xa6 @from= %d {x} $x^$ \xff -")
 
 
 def test_every_verb_reads_and_writes_files_with_odd_names(
@@ -52,11 +52,14 @@ def test_every_verb_reads_and_writes_files_with_odd_names(
             "--scale",
             "tilt_x=-1",
         ),
+        (folder / f"{ODD}.png", "compare", recording, "--model", model, "--picture", folder / f"{ODD}.png"),
+        (folder / f"{ODD}.html", "report", recording, "--model", model, "-o", folder / f"{ODD}.html"),
         (folder / f"{ODD}.json", "compare", recording, "--model", model, "--json", folder / f"{ODD}.json"),
     ):
         done = gyrowheel(*map(str, arguments))
         assert done.code == OK, (arguments[0], done.err)
         assert made.exists()
+        assert "\x1b" not in done.out + done.err
     assert json.loads((folder / f"{ODD}.json").read_text(encoding="utf-8"))["recordings"]
     before, after = gw.Recording.open(recording), gw.Recording.open(folder / f"in {ODD}")
     assert len(before.data.measurement) == len(after.data.measurement)

@@ -22,7 +22,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from gyrowheel_core.errors import InputError, one_line, with_article
+from gyrowheel_core.errors import InputError, one_line, visible, with_article
 
 #: More characters than any text that this project reads may have.
 LONGEST_TEXT = 50_000_000
@@ -273,7 +273,8 @@ def write_text(file: Path, text: str, *, private: bool = False) -> None:
 
 def json_text(content: Any) -> str:
     """Return content as the text of a JSON file; what is not finite becomes null."""
-    return json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    # its escapes of hidden characters are those of JSON
+    return visible(json.dumps(_plain(content), indent=2, ensure_ascii=False, allow_nan=False)) + "\n"
 
 
 def _plain(content: Any) -> Any:

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import typer
 
-from gyrowheel_core.errors import InputError, one_line, printable
+from gyrowheel_core.errors import InputError, one_line, printable, visible
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -318,7 +318,7 @@ def _key_names() -> Iterator[str]:
 
 def bad_input(text: str) -> int:
     """Report bad input in one line, and return its exit code."""
-    _tell(f"error: {' '.join(text.split())}")
+    _tell(f"error: {visible(' '.join(text.split()))}")
     return BAD_INPUT
 
 
@@ -366,13 +366,11 @@ class _Trimmed:
 
 
 def _console(*, stderr: bool) -> Console:
-    from rich.console import Console
-
-    from gyrowheel.show.layout import readable
+    from gyrowheel.show.layout import TextConsole, readable
 
     # paths and texts of users may look like markup of rich
     trimmed = _Trimmed(stderr=stderr)
     file = None if trimmed.isatty() else cast(IO[str], trimmed)
-    console = Console(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
+    console = TextConsole(file=file, stderr=stderr, highlight=False, markup=False, emoji=False)
     console.width = readable(console.width)
     return console

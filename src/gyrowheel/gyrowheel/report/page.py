@@ -17,6 +17,7 @@ from gyrowheel.report import sections
 from gyrowheel.show.figure import PANELS, png_bytes, svg_bytes
 from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet, template_text
 from gyrowheel.show.layout import plain_text
+from gyrowheel_core.errors import visible
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -160,7 +161,7 @@ def markdown_page(report: ReportContent) -> str:
     def block(text: str) -> str:
         # longer than any fence within the text
         fence = "`" * max(3, *(len(run) + 1 for run in re.findall("`+", text)), 3)
-        return f"{fence}\n{text}\n{fence}\n"
+        return f"{fence}\n{visible(text)}\n{fence}\n"
 
     content = report.to_dict()
     lines = [
@@ -189,5 +190,5 @@ def markdown_page(report: ReportContent) -> str:
 
 def _words(text: str) -> str:
     """Return text as one line of Markdown, its markup escaped."""
-    line = re.sub(r"([\\`*\[\]|])", r"\\\1", " ".join(text.split()))
+    line = re.sub(r"([\\`*_\[\]|#~])", r"\\\1", visible(" ".join(text.split())))
     return line.replace("&", "&amp;").replace("<", "&lt;")

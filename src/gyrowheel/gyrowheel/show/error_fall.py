@@ -204,6 +204,7 @@ def _size_panels(figure: Figure, error: ErrorTable, *, changed: bool) -> None:
         axes.set_title(change, pad=10, loc="right", fontsize=11.5, fontweight="normal", color=TICK)
         if logarithmic:
             axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
             axes.minorticks_off()
         axes.set_xlim(low, high)
         _bars(axes, [(before, BEFORE), (after, AFTER)] if changed else [(after, AFTER)], floor, low)

@@ -18,6 +18,7 @@ from typing import Any, ParamSpec
 from numpy.typing import ArrayLike
 
 from gyrowheel_core import cache
+from gyrowheel_core.errors import visible
 from gyrowheel_core.files import new_file
 from gyrowheel_core.surroundings import ignored_here
 from gyrowheel_core.units import DEG, RPM
@@ -68,11 +69,12 @@ _keep_settings()
 with ignored_here("matplotlibrc"):
     import matplotlib as mpl
 from matplotlib.figure import Figure  # noqa: E402, its import looks for the settings
+from matplotlib.text import Text  # noqa: E402
 
 #: What matplotlib has where nobody has set anything else: pictures do not depend on settings of the user.
-_PLAIN = {
+_PLAIN: Any = {
     name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith(("backend", "inter"))
-}
+} | {"text.parse_math": False}  # names of users are no formulas
 
 
 class Picture(Figure):
@@ -116,6 +118,9 @@ def style(
 
 def finished(figure: Figure) -> Figure:
     """Return a figure with everything made that matplotlib makes at the first drawing, in the style in force now."""
+    for text in figure.findobj(Text):
+        if (shown := visible(text.get_text())) != text.get_text():  # no file has such characters
+            text.set_text(shown)
     figure.draw_without_rendering()
     return figure
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from gyrowheel_core.errors import visible
 from gyrowheel_core.files import json_text
 from gyrowheel_core.quantities import decimal, fixed, pair, short
 from gyrowheel_core.units import Unit, unit_for
@@ -36,10 +37,16 @@ def environment(*packages: str) -> jinja2.Environment:
             [jinja2.FunctionLoader(functools.partial(template_text, own)) for own in (*packages, _OWN)]
         ),
         autoescape=True,
+        finalize=_shown,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+def _shown(value: Any) -> Any:
+    """Return what a template is given; texts of users without characters that hide."""
+    return visible(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def style_sheet() -> Markup:

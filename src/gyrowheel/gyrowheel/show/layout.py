@@ -9,8 +9,11 @@ from collections.abc import Iterable, Iterator
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.padding import Padding
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+
+from gyrowheel_core.errors import visible
 
 _MARGIN = (0, 0, 0, 2)
 _NARROWEST, _WIDEST = 40, 110  # lines [characters]: long ones are hard to read, and tables need some width
@@ -81,6 +84,15 @@ def commands(title: str, *texts: str) -> Iterator[Text]:
         yield from map(command, texts)
 
 
+class TextConsole(Console):
+    """A console on which a text is text: no character of it acts on the terminal or hides."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Render, with hidden characters as escapes."""
+        for own in super().render(renderable, options):
+            yield own if own.control else Segment(visible(own.text), own.style)
+
+
 def show(console: Console, parts: Iterable[RenderableType]) -> None:
     """Print parts one after the other."""
     for part in parts:
@@ -91,7 +103,7 @@ def plain_text(parts: Iterable[RenderableType], width: int = 80) -> str:
     """Return parts as lines of text without colours."""
     stream = io.StringIO()
     # in a notebook, or where colours are asked for, rich would take the stream for more than a text
-    plain = Console(
+    plain = TextConsole(
         file=stream, width=width, markup=False, force_jupyter=False, force_terminal=False, color_system=None
     )
     show(plain, parts)

@@ -96,6 +96,10 @@ class Objective:
         low, high = self.prediction.unknowns.limits()
         return np.concatenate([low, [p[0] for p in pairs]]), np.concatenate([high, [p[1] for p in pairs]])
 
+    def bounds(self) -> tuple[Array, Array]:
+        """Return lower and upper bounds of all unknowns."""
+        return self._bounds
+
     def within_bounds(self, x: Array) -> Array:
         """Return the nearest vector within the bounds."""
         return np.clip(x, *self._bounds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,12 +14,15 @@ from numpy.typing import NDArray
 from gyrowheel_control.loops.controller import Gains, controller_parameters, loop_code
 from gyrowheel_control.loops.kernel import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.instruments.readings import Reading
 from gyrowheel_sim.plant.machine import Machine
+from gyrowheel_sim.plant.protection import STOP_SAMPLES
 from gyrowheel_sim.plant.scenario import Scenario
 
+_RUNAWAY = 2.0  # tilt limits beyond which a machine has left its loop; some overshoot is none
 _CHUNK = 20000  # samples computed between two reports of progress
 
 
@@ -68,7 +72,7 @@ def simulate(
     Raises
     ------
     InputError
-        If the plan is beyond the limits of the bench.
+        If the plan is beyond the limits of the bench, or the machine runs away on it.
     """
     plan.check(bench)
     code = loop_code(tuple(scenario.declared.values()))
@@ -95,6 +99,33 @@ def simulate(
             constants, controller, values[first:], stamps[first:], start, machine.noise(stop - start),
             measurement[start:stop], command[start:stop],
         )  # fmt: skip
+        _require_held(measurement[start:stop], start, bench, plan)
         if progress is not None:
             progress(stop / n)
     return Run(measurement, command, setpoints, plan.environment(), bench, machine.clock.stamps(n))
+
+
+def _require_held(samples: NDArray[np.float64], first: int, bench: Bench, plan: Plan) -> None:
+    """Refuse a machine that diverges, or that goes where no wheel can be."""
+    finite = np.asarray(np.isfinite(samples).all(axis=1))
+    stop = _RUNAWAY * bench.value("tilt_limit")
+    tilt = np.hypot(samples[:, Reading.tilt_x], samples[:, Reading.tilt_y])
+    beyond = np.convolve(~(tilt <= stop), np.ones(STOP_SAMPLES), "valid") > STOP_SAMPLES - 0.5
+    where = min(_first(~finite), _first(beyond))
+    if where == math.inf:
+        return
+    at = int(where)
+    what = (
+        f"its tilt is {math.degrees(tilt[at]):.3g} deg"
+        if finite[at]
+        else f"{list(Reading)[int(np.argmin(np.isfinite(samples[at])))].name} is no number"
+    )
+    raise InputError(
+        f"plan {plan.name}: the simulated machine runs away: {what} at {(first + at) * bench.sample_period:.4f} s; "
+        "allowed: parameters and effects with which the controller holds it"
+    )
+
+
+def _first(found: NDArray[np.bool_]) -> float:
+    """Return the number of the first row of which something is true; infinite where it is of none."""
+    return float(np.argmax(found)) if found.any() else math.inf

@@ -137,8 +137,9 @@ def doubt_sentence(doubt: Doubt) -> str:
         return f"{name} is {abs(doubt.size):.1f} times as large as is usual: it may stand for something else"
     if doubt.kind == "bounded":
         return (
-            f"{doubt.coefficient} ends at a limit of its possible values: {doubt.effect}, or another effect of the model, "
-            "takes too much of its place; fit recordings at more spin rates and tilts as well, or remove that effect"
+            f"{doubt.coefficient} ends at a limit of its possible values: {doubt.effect}, or another effect of the "
+            "model, takes too much of its place; fit recordings at more spin rates and tilts as well, or remove that "
+            "effect"
         )
     return f"{name} keeps the value of the air model: the recordings do not constrain it"
 
