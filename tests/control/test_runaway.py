@@ -25,5 +25,7 @@ def test_a_machine_that_diverges_is_refused_with_the_time(stiffness: float) -> N
     bench = Bench.load()
     values = dict.fromkeys(("flexure_stiffness_x", "flexure_stiffness_y"), stiffness)
     machine = Scenario(values=bench.with_values(values).values())
-    with pytest.raises(InputError, match=r"plan short: the simulated machine runs away: .* at 0\.0\d+ s; allowed: "):
+    with pytest.raises(
+        InputError, match=r"plan short: the simulated machine runs away: .* at 0\.0\d+ s; allowed: "
+    ):
         simulate(bench, machine, Plan.load(_PLAN))

@@ -113,6 +113,6 @@ def test_pictures_draw_names_as_text() -> None:
     """As titles, labels and entries of the legend."""
     for some in (NAMES[: len(_PIECES)], NAMES[-20:]):
         curves = [Curve(name, [0.0, 1.0], [0.0, 1.0], "k") for name in some]
-        figure = curves_figure(some[0], some[1], [Panel(*some[2:5], curves)])
+        figure = curves_figure(some[0], some[1], [Panel(some[2], some[3], some[4], curves)])
         assert png_bytes(figure)
         assert ET.fromstring(svg_bytes(figure)) is not None
