@@ -30,6 +30,7 @@ def test_every_package_of_the_lock_file_has_hashes_and_they_are_asked_for() -> N
     assert re.findall(r"(\S+) \$\(DONE\)/lock(\d)", makefile) == [("@$(LOCKED)", "1"), ("$(LOCKED)", "2")]
 
 
+@pytest.mark.slow
 def test_the_lock_file_lacks_nothing_that_its_packages_need() -> None:
     checked = subprocess.run([sys.executable, "-m", "pip", "check"], capture_output=True, text=True)
     assert checked.returncode == 0, checked.stdout

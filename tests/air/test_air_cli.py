@@ -173,6 +173,7 @@ def test_check_can_fail_a_script(gyrowheel: Shell, table: Path, player: Player, 
     assert "MISSES" in out
 
 
+@pytest.mark.slow
 def test_pictures_of_a_table_need_no_solutions(gyrowheel: Shell, table: Path, tmp_path: Path):
     code, out, _ = gyrowheel("cfd", "pictures", "--table", table, "-o", tmp_path / "pictures")
     assert code == 0

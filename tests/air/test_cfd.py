@@ -321,6 +321,7 @@ def test_without_openfoam_one_line_says_how_to_install_it(tmp_path: Path, monkey
 # ---- with OpenFOAM
 
 
+@pytest.mark.slow
 @pytest.mark.openfoam
 @pytest.mark.skipif(not openfoam.available(), reason="OpenFOAM is not installed")
 def test_a_tiny_case_really_runs(tmp_path: Path):

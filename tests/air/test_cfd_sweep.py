@@ -149,6 +149,7 @@ _WITHOUT_SEMAPHORES = """
 """
 
 
+@pytest.mark.slow
 def test_a_sweep_without_semaphores_runs_in_threads(tmp_path: Path, player: Player):
     """Where /dev/shm is missing, full or read-only: the cases are OpenFOAM's work, and threads wait for it."""
     code = textwrap.dedent(_WITHOUT_SEMAPHORES).format(errno.ENOENT)

@@ -15,6 +15,7 @@ from gyrowheel_core.errors import InputError
 from .machines import hidden_machine, record
 
 
+@pytest.mark.slow
 def test_the_air_of_the_table_is_fitted_within_its_uncertainties_and_proven(tmp_path: Path) -> None:
     table = air_effects("table")
     # a wheel whose air is not quite what was computed

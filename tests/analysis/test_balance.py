@@ -110,6 +110,7 @@ def test_motor_heating_has_no_fast_update_with_an_effect_of_temperature(balance:
     assert balance.moved(balance.instants(values, []), values, after, []) is not None
 
 
+@pytest.mark.slow
 def test_torque_of_motion_below_the_noise_depends_on_the_machine(tmp_path: Path) -> None:
     """A rotor a quarter off resists a motion twice a revolution twice as much as the one that is stated."""
     machine = hidden_machine(8, {})

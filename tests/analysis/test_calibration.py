@@ -76,6 +76,7 @@ def test_wrong_constants_are_found_within_their_errors(count: int, tmp_path: Pat
         assert np.all(rms > 0.3), apart  # errors that are far too generous are wrong, too
 
 
+@pytest.mark.slow
 def test_the_tilt_scale_limits_the_constant_of_the_coils(
     calibrated: tuple[Scenario, list[Recording], Calibration],
 ):
@@ -86,6 +87,7 @@ def test_the_tilt_scale_limits_the_constant_of_the_coils(
     assert 0.001 < coil.after.standard_error / coil.after.value < 0.006
 
 
+@pytest.mark.slow
 def test_undetermined_constants_are_not_changed(
     calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
 ):

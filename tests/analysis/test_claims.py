@@ -43,6 +43,7 @@ def a_chunk(records: bytes) -> bytes:
     return a_record(Op.CHUNK, head, a_text("zstd"), struct.pack("<Q", len(stored)), stored)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("records", "said"),
     [

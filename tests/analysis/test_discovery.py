@@ -50,6 +50,7 @@ def named(diagnosis: Diagnosis) -> set[str]:
     return set(diagnosis.ties)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name in AGAIN else [pytest.mark.study]) for name in HIDDEN]
 )
@@ -80,6 +81,7 @@ def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path)
         assert again.verdict == "nothing_missing", verdict_sentence(again)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [700, 701, *(pytest.param(seed, marks=pytest.mark.study) for seed in range(702, 710))]
 )
@@ -91,6 +93,7 @@ def test_without_a_hidden_effect_nothing_is_missing(seed: int, tmp_path: Path) -
     assert not found.free_form
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [NOT_SHOWN[0], *(pytest.param(name, marks=pytest.mark.study) for name in NOT_SHOWN[1:])]
 )
@@ -102,6 +105,7 @@ def test_an_effect_that_the_plan_cannot_show_is_reported_as_hidden(name: str, tm
     assert all(limits[key] > abs(value) for key, value in usual.items())
 
 
+@pytest.mark.slow
 def test_yawing_the_rig_separates_the_earth_from_a_fixed_torque(tmp_path: Path) -> None:
     truth = {"earth_rate": {"E_x": 4.0e-5, "E_y": 4.0e-5}}
     found = diagnose([record(tmp_path, "yaw", hidden_machine(5, truth), "yaw")], Model.new())
@@ -112,12 +116,14 @@ def test_yawing_the_rig_separates_the_earth_from_a_fixed_torque(tmp_path: Path) 
         assert abs(estimate.value - 4.0e-5) < 4.0 * estimate.standard_error
 
 
+@pytest.mark.slow
 def test_two_hidden_effects_are_both_found(tmp_path: Path) -> None:
     truth = {"aero_cross": {"c": 0.006, "n": 1.98}, "coil_heating": {"a": -0.003}}
     found = diagnose([record(tmp_path, "fit", hidden_machine(3, truth), "quick")], Model.new())
     assert named(found) == set(truth)
 
 
+@pytest.mark.slow
 def test_an_effect_below_the_detection_limit_is_reported_as_such(tmp_path: Path) -> None:
     truth = {"gravity_offset": {"G": 0.003}}
     found = diagnose([record(tmp_path, "fit", hidden_machine(4, truth), "quick")], Model.new())
@@ -130,6 +136,7 @@ def test_an_effect_below_the_detection_limit_is_reported_as_such(tmp_path: Path)
     assert found.next_test.plan == "inverted"
 
 
+@pytest.mark.slow
 def test_next_test_reveals_the_effect_hidden_from_the_first_plan(tmp_path: Path) -> None:
     machine = hidden_machine(4, {"gravity_offset": {"G": 0.003}})
     recordings = [
@@ -141,6 +148,7 @@ def test_next_test_reveals_the_effect_hidden_from_the_first_plan(tmp_path: Path)
     assert found.verdict == "effect"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param("aero_restoring", marks=pytest.mark.study), "gimbal_inertia_error"]
 )
@@ -188,6 +196,7 @@ def with_gimbal_inertia(machine: Scenario, factor: float) -> Scenario:
     return replace(machine, values={**machine.values, **{n: BENCH.value(n) * factor for n in names}})
 
 
+@pytest.mark.slow
 def test_a_wrong_bench_parameter_is_a_separate_finding(tmp_path: Path) -> None:
     machine = hidden_machine(6, {})
     values = {**machine.values, "coil_constant": 0.02 * 1.2}
@@ -237,6 +246,7 @@ def test_the_diagnosis_does_not_depend_on_the_controller(tmp_path: Path) -> None
     assert named(found) == {"aero_cross"}
 
 
+@pytest.mark.slow
 def test_without_setpoints_the_steady_motion_is_found(tmp_path: Path) -> None:
     machine = hidden_machine(10, {"aero_cross": {"c": 0.0053, "n": 1.98}})
     recording = record(tmp_path, "fit", machine, "quick")
@@ -254,6 +264,7 @@ def test_too_little_data_is_reported(tmp_path: Path) -> None:
     json.dumps(diagnosis_json(found))
 
 
+@pytest.mark.slow
 def test_compare_reports_regions_and_variables(tmp_path: Path) -> None:
     machine = hidden_machine(12, {"aero_cross": {"c": 0.008, "n": 1.98}})
     result = compare([record(tmp_path, "fit", machine, "quick")], Model.new())
@@ -268,6 +279,7 @@ def test_compare_reports_regions_and_variables(tmp_path: Path) -> None:
     assert set(content["error"]["before"]["rms"]) == {"tilt_x", "tilt_y", "spin"}
 
 
+@pytest.mark.slow
 def test_the_json_keeps_its_contract(tmp_path: Path) -> None:
     machine = hidden_machine(13, {"windage": {"w": 0.001, "n": 1.48}})
     fit, unused = (
@@ -301,6 +313,7 @@ def test_recording_contains_no_hidden_truth(tmp_path: Path) -> None:
         assert b"noise_seed" not in content
 
 
+@pytest.mark.slow
 def test_adding_twice_fits_again_and_an_unknown_effect_is_refused(tmp_path: Path) -> None:
     machine = hidden_machine(15, {"windage": {"w": 0.001, "n": 1.48}})
     fit = record(tmp_path, "fit", machine, "quick")

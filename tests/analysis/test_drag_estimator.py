@@ -62,6 +62,7 @@ def estimates(run: Run) -> Iterator[Estimate]:
     yield from estimator.finish()
 
 
+@pytest.mark.slow
 def test_a_long_hold_is_estimated_as_a_whole(run: Run) -> None:
     last = list(estimates(run))[-1]
     assert last.settled
@@ -82,6 +83,7 @@ def test_a_long_hold_is_estimated_as_a_whole(run: Run) -> None:
     np.testing.assert_allclose(last.simulated_torque, expected, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_settled_holds_have_the_same_estimates_alone_as_among_all(run: Run) -> None:
     late = run.setpoints[-1:].copy()
     late["stamp_ns"] += 3_600_000_000_000  # begins after the last sample
@@ -127,6 +129,7 @@ def serialized(run: Run, seconds: float) -> tuple[list[bytes], list[bytes]]:
     return samples, setpoints
 
 
+@pytest.mark.slow
 def test_environment_is_taken_from_the_topic(run: Run) -> None:
     model = replace(Model.new(), effects={"gravity_offset": {"G": 6.0e-3}})
     samples, setpoints = serialized(run, 5.0)
@@ -169,6 +172,7 @@ def told(found: list[Estimate]) -> list[tuple[Any, ...]]:
     ]
 
 
+@pytest.mark.slow
 def test_estimates_do_not_depend_on_how_the_topics_interleave(run: Run) -> None:
     samples, setpoints = serialized(run, 3.0)
     late, early = DragStream(Model.new()), DragStream(Model.new())
@@ -219,6 +223,7 @@ def test_missing_and_malformed_messages_are_counted(run: Run) -> None:
     assert stream.samples % BLOCK == 0
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_run(run: Run) -> None:
     """The same holds again and again, and a hold that lasts: as many objects as at first, and arrays as long."""
     samples, setpoints = serialized(run, 4.6)

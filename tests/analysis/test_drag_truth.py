@@ -95,6 +95,7 @@ def stated_constants_std(estimate: Estimate) -> NDArray[np.float64]:
 MACHINES = pytest.mark.parametrize("machines", [3, pytest.param(10, marks=pytest.mark.study)])
 
 
+@pytest.mark.slow
 @MACHINES
 def test_estimated_torque_equals_the_true_one_within_three_standard_errors(machines: int) -> None:
     scores, differences = [], []
@@ -114,6 +115,7 @@ def test_estimated_torque_equals_the_true_one_within_three_standard_errors(machi
         assert 0.3 < np.sqrt(np.mean(np.square(score))) < 1.6
 
 
+@pytest.mark.slow
 @MACHINES
 def test_the_attitude_of_the_rig_enters_the_prediction(machines: int) -> None:
     scores, blind, sizes = [], [], []
@@ -144,6 +146,7 @@ def tilted_run() -> Run:
     return run_of(Scenario(effects=AIR, noise_seed=5), plan)
 
 
+@pytest.mark.slow
 def test_standard_errors_include_every_stated_uncertainty() -> None:
     (tilted,) = holds(tilted_run(), Model(BENCH))
     tilt, rate = np.tan(tilted.tilt_x), tilted.spin_rate
@@ -173,6 +176,7 @@ def test_standard_errors_include_every_stated_uncertainty() -> None:
     assert tilted.constants_std[0] == pytest.approx(parts[0], rel=0.02)
 
 
+@pytest.mark.slow
 def test_standard_error_includes_the_uncertainty_of_the_air_pressure() -> None:
     model, dull = believing(AIR), replace(BENCH.parameters["pressure_bias"], uncertainty=2000.0)
     other = replace(
@@ -184,6 +188,7 @@ def test_standard_error_includes_the_uncertainty_of_the_air_pressure() -> None:
     assert added == pytest.approx(2000.0 / 101325.0 * exponent * AIR["windage"]["w"], rel=0.05)
 
 
+@pytest.mark.slow
 def test_every_field_is_finite_while_a_hold_is_under_way_and_after() -> None:
     for model in (Model(BENCH), believing(AIR)):
         found = estimates(air_run(), model)
@@ -193,6 +198,7 @@ def test_every_field_is_finite_while_a_hold_is_under_way_and_after() -> None:
                 assert np.all(np.isfinite(getattr(estimate, name))), name
 
 
+@pytest.mark.slow
 def test_residual_of_a_model_without_air_is_the_torque_of_the_air() -> None:
     without, with_air = holds(air_run(), Model(BENCH)), holds(air_run(), believing(AIR))
     cross, size = AIR["aero_cross"]["c"], []
@@ -209,6 +215,7 @@ def test_residual_of_a_model_without_air_is_the_torque_of_the_air() -> None:
     assert min(size) > 3.0  # the error could not hide it
 
 
+@pytest.mark.slow
 def test_the_reference_is_the_last_hold_before_that_is_upright_at_the_same_speed() -> None:
     found = holds(air_run(), Model(BENCH))
     assert [e.reference_segment for e in found] == [0, 0, 0, 0, 3, 0, 6, 6]
@@ -242,6 +249,7 @@ def test_standard_errors_follow_the_noise_of_the_data() -> None:
         assert e.measured_torque_std[2] == pytest.approx(0.03 * e.motor_current_std)
 
 
+@pytest.mark.slow
 def test_estimates_are_marked_calibrated_once_both_constants_are_learned() -> None:
     known = {"coil_constant": Override(0.021, 1e-5), "motor_constant": Override(0.031, 2e-5)}
     for stated, half, learned in zip(

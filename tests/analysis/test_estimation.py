@@ -33,6 +33,7 @@ def fit(model: gw.Model, recording: gw.Recording) -> Fit[gw.Model]:
     return model.fit(recording, free=["windage", "bearing_viscous"])
 
 
+@pytest.mark.slow
 def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit[gw.Model]) -> None:
     cost, size = fit.cost, np.array(list(fit.errors.values()))
 
@@ -77,6 +78,7 @@ def test_covariance_does_not_depend_on_the_step_of_its_differences(fit: Fit[gw.M
     assert other == pytest.approx(fit.covariance.values / np.outer(size, size), abs=1e-5)
 
 
+@pytest.mark.slow
 def test_profile_and_contour_lie_where_chi_squared_rises_by_the_quantile(fit: Fit[gw.Model]) -> None:
     low, high = fit.interval("windage.n")
     assert fit.along("windage.n", [low, high]) == pytest.approx([3.8415, 3.8415], abs=1e-3)
@@ -89,6 +91,7 @@ def test_profile_and_contour_lie_where_chi_squared_rises_by_the_quantile(fit: Fi
             assert cost.minimum(fit.values, steps, held).cost - fit.chi2 == pytest.approx(5.9915, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_linear_problem_has_the_covariance_of_scipy(model: gw.Model, recording: gw.Recording) -> None:
     fit = model.fit(recording, free="windage.w")
     cost, count = fit.cost, fit.rows
@@ -100,6 +103,7 @@ def test_linear_problem_has_the_covariance_of_scipy(model: gw.Model, recording: 
     assert covariance[0, 0] == pytest.approx(fit.covariance["windage.w", "windage.w"], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_prior_data_and_both_are_stated_and_agree(fit: Fit[gw.Model]) -> None:
     exponent = fit.params["windage.n"]
     assert exponent.prior is not None
@@ -118,6 +122,7 @@ def test_prior_data_and_both_are_stated_and_agree(fit: Fit[gw.Model]) -> None:
     assert free.errors["windage.n"] == pytest.approx(error, rel=0.15)
 
 
+@pytest.mark.slow
 def test_fixed_and_bounded_parameters_stay_where_they_are_put(
     model: gw.Model, recording: gw.Recording
 ) -> None:
@@ -157,6 +162,7 @@ def test_rows_give_chi_squared_and_leverage_the_number_of_parameters(fit: Fit[gw
     assert frame["leverage"].sum() == pytest.approx(3.0 - from_priors, rel=0.03)
 
 
+@pytest.mark.slow
 def test_criteria_prefer_the_model_with_the_effect(model: gw.Model, recording: gw.Recording) -> None:
     fit = model.fit(recording, free=["windage.w", "bearing_viscous"])
     with pytest.raises(gw.InputError, match=r"evidence: the two fits have different rows or noise"):
@@ -208,6 +214,7 @@ def test_bad_options_are_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_pictures_of_a_fit_have_their_names_and_units(fit: Fit[gw.Model]) -> None:
     assert fit.plot().axes[0].get_title("left") == "Correlation of the estimates"
     assert fit.plot("windage.w").axes[0].get_xlabel() == "windage.w [N·m]"

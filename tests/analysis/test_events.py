@@ -91,6 +91,7 @@ def quick(tmp_path_factory):
     return record(tmp_path_factory.mktemp("events"), "quick", hidden_machine(32, {}), "quick")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "course", "size", "kind", "channel", "edges"),
     [
@@ -112,6 +113,7 @@ def test_event_is_found_dated_and_named(survey, column, course, size, kind, chan
     np.testing.assert_allclose(found.event.edges, edges, rtol=0.0, atol=within)
 
 
+@pytest.mark.slow
 def test_encoder_that_slips_is_found(survey):
     measurement = survey.measurement.copy()
     late = survey.time > 88.0
@@ -121,6 +123,7 @@ def test_encoder_that_slips_is_found(survey):
     assert (found.event.kind, found.event.time) == ("step", pytest.approx(88.0, abs=0.05))
 
 
+@pytest.mark.slow
 def test_motor_whose_constant_changes_by_a_percent_is_found(survey):
     constant = BENCH.value("motor_constant")
     measurement, late = survey.measurement.copy(), survey.time > 75.0
@@ -135,6 +138,7 @@ def test_motor_whose_constant_changes_by_a_percent_is_found(survey):
     assert (found.event.kind, found.event.time) == ("step", pytest.approx(75.0, abs=1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [20.3, 33.1])
 def test_event_of_a_short_recording_is_dated(quick, at):
     (found,) = found_in(changed(quick, "coil_voltage_x", step(at), 2.0 * VOLTS))
@@ -195,6 +199,7 @@ def test_effect_with_an_event_has_the_same_coefficient_as_without(tmp_path):
     assert event.time == pytest.approx(95.0, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "scale"),
     [
@@ -230,6 +235,7 @@ def shape_in(recording, column, course):
     return found
 
 
+@pytest.mark.slow
 def test_drift_that_swings_is_reported_with_its_period(survey):
     swing = 0.6 * VOLTS * np.cos(2.0 * np.pi * (survey.time - 12.0) / 47.0)
     found = shape_in(survey, "coil_voltage_y", swing)
@@ -237,6 +243,7 @@ def test_drift_that_swings_is_reported_with_its_period(survey):
     assert found.event.end == pytest.approx(47.0, rel=0.03)
 
 
+@pytest.mark.slow
 def test_drift_that_follows_a_temperature_is_reported_as_such(survey):
     # the coils warm themselves, and a fan cools them twice
     measurement, time = survey.measurement.copy(), survey.time
@@ -247,6 +254,7 @@ def test_drift_that_follows_a_temperature_is_reported_as_such(survey):
     assert (found.event.kind, found.event.quantity) == ("coil_temperature", "motor_voltage")
 
 
+@pytest.mark.slow
 def test_torque_that_relaxes_after_every_move_of_the_tilt_is_reported_as_such(survey):
     # a branch of the flexure that yields: it holds against a move, and lets go within ten seconds
     tilt, rate = survey.measurement["tilt_x"] + 1j * survey.measurement["tilt_y"], 5e-4 / 10.0

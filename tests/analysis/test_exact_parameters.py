@@ -33,6 +33,7 @@ def model() -> Model:
     return replace(Model.new(), stated_bench=replace(BENCH, parameters={**BENCH.parameters, **exact}))
 
 
+@pytest.mark.slow
 def test_errors_of_exact_parameters_are_no_candidates(recording: Recording, model: Model) -> None:
     found = diagnose([recording], model)
     assert [effect.name for effect in found.effects] == ["aero_cross"]

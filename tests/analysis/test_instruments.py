@@ -78,6 +78,7 @@ def nothing_invented(found: Diagnosis, channel: str) -> None:
 EVERY_TIME = ("tilt_late", "twice")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[] if name in EVERY_TIME else [pytest.mark.study]) for name in WRONG]
 )
@@ -101,6 +102,7 @@ def test_an_instrument_that_is_not_as_stated_is_named(name: str, tmp_path: Path)
             assert abs(finding.deviation - value - own_error) < 4.0 * finding.standard_error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "order"), [("tilt", 3), pytest.param("coil_voltage", 2, marks=pytest.mark.study)]
 )
@@ -113,6 +115,7 @@ def test_filter_of_another_shape_gives_no_physical_finding(
     nothing_invented(diagnose([read], Model.new()), channel)
 
 
+@pytest.mark.slow
 def test_early_voltage_readings_are_found_as_a_delay_not_an_inductance(plain: Recording) -> None:
     found = diagnose([changed(plain, (*COILS, "motor_voltage"), lambda v: np.roll(v, -1))], Model.new())
     nothing_invented(found, "coil_voltage")
@@ -121,12 +124,14 @@ def test_early_voltage_readings_are_found_as_a_delay_not_an_inductance(plain: Re
     assert abs(delay.value + BENCH.sample_period) < 4.0 * delay.standard_error
 
 
+@pytest.mark.slow
 def test_an_effect_and_an_instrument_are_both_found(tmp_path: Path) -> None:
     truth = {"aero_cross": physical()["aero_cross"].defaults(), "tilt_delay": {"d": -2.5e-4}}
     found = diagnose([record(tmp_path, "fit", hidden_machine(72, truth), "quick")], Model.new())
     assert set(found.ties) == set(truth), verdict_sentence(found)
 
 
+@pytest.mark.slow
 def test_an_instrument_that_was_found_goes_into_the_model(plain: Recording) -> None:
     early = changed(plain, COILS, lambda v: np.roll(v, -1))
     added = add_effect(Model.new(), ["coil_voltage_delay"], [early])

@@ -43,12 +43,14 @@ def model_with(c: float, error: float = 8.0e-5) -> Model:
     )
 
 
+@pytest.mark.slow
 def test_an_effect_of_the_right_size_leaves_nothing_missing(recordings: dict[str, Recording]) -> None:
     found = diagnose([recordings["with"]], model_with(TRUTH["c"]))
     assert found.verdict == "nothing_missing"
     assert not found.effects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [8.0e-5, 0.0])
 def test_an_effect_of_a_wrong_size_is_the_only_finding(
     recordings: dict[str, Recording], error: float
@@ -67,6 +69,7 @@ def test_an_effect_of_a_wrong_size_is_the_only_finding(
     assert found.error.after.chi2_per_n < 1.2 < found.error.before.chi2_per_n
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_machine_lacks_is_fitted_as_zero(recordings: dict[str, Recording]) -> None:
     found = diagnose([recordings["without"]], model_with(TRUTH["c"]))
     assert found.verdict == "effect"
@@ -75,6 +78,7 @@ def test_an_effect_that_the_machine_lacks_is_fitted_as_zero(recordings: dict[str
     assert abs(effect.coefficients["c"].value) < 3.0 * effect.coefficients["c"].standard_error
 
 
+@pytest.mark.slow
 def test_an_effect_of_the_model_is_fitted_again(recordings: dict[str, Recording]) -> None:
     added = add_effect(model_with(0.003), ["aero_cross"], [recordings["with"]], [recordings["unused"]])
     assert added.model.history[-1]["what"] == "fit anew aero_cross"
@@ -86,6 +90,7 @@ def test_an_effect_of_the_model_is_fitted_again(recordings: dict[str, Recording]
     assert diagnose([recordings["unused"]], added.model).verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 def test_a_size_biased_by_another_effect_gives_a_warning(recordings: dict[str, Recording]) -> None:
     added = add_effect(model_with(0.003), ["windage"], [recordings["with"]])
     assert ("moved", "aero_cross", "c") in [(d.kind, d.effect, d.coefficient) for d in added.doubts]
@@ -94,6 +99,7 @@ def test_a_size_biased_by_another_effect_gives_a_warning(recordings: dict[str, R
     assert "moved" not in [doubt.kind for doubt in fine.doubts]
 
 
+@pytest.mark.slow
 def test_a_formula_that_explains_nothing_does_not_raise_the_noise(recordings: dict[str, Recording]) -> None:
     useless = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")
     added = add_effect(Model.new(), [useless], [recordings["with"]], [recordings["unused"]])

@@ -79,6 +79,7 @@ def same(one: Windows, other: Windows) -> bool:
     return all(np.array_equal(getattr(one, f.name), getattr(other, f.name)) for f in fields(Windows))
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     name=st.sampled_from(NEEDED),
@@ -96,6 +97,7 @@ def test_a_sample_without_a_reading_counts_as_lost(
     assert same(found, reduce(some(hurt, np.delete(np.arange(len(hurt.time)), k)), BENCH))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READINGS)
 def test_scattered_missing_readings_hardly_move_a_window(
     samples: Samples, windows: Windows, name: str
@@ -119,6 +121,7 @@ def test_noise_is_estimated_from_the_present_readings(samples: Samples) -> None:
     assert found == pytest.approx(reading_noise(samples, BENCH), rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_stretch_without_readings_is_left_out_and_accounted_for(samples: Samples, windows: Windows) -> None:
     gone = windows.select(np.flatnonzero(windows.duration > 0.9)[2:3])
     readings = samples.readings.copy()
@@ -134,6 +137,7 @@ def test_a_stretch_without_readings_is_left_out_and_accounted_for(samples: Sampl
     assert coverage.recorded == whole.recorded
 
 
+@pytest.mark.slow
 def test_a_gap_within_a_window_does_not_count_as_used(samples: Samples, windows: Windows) -> None:
     own = windows.select(np.flatnonzero(windows.duration > 0.9)[2:3])
     end = float(own.start[0] + own.duration[0])
@@ -167,6 +171,7 @@ def test_a_recording_with_hardly_any_readings_has_no_windows(samples: Samples) -
             assert coverage.used == 0.0
 
 
+@pytest.mark.slow
 def test_the_finding_is_the_same_with_a_reading_missing(recording: Recording) -> None:
     """The whole way, by both verbs; a missing reading once ended it with a traceback."""
     hurt = without(without(recording, "tilt_x", 20000), "motor_current", 30000)
@@ -205,6 +210,7 @@ def test_channels_that_need_no_missing_reading_are_compared(recording: Recording
         assert metrics.chi2_per_n < 2.0, channel
 
 
+@pytest.mark.slow
 def test_dispensable_readings_are_assumed_and_reported(recording: Recording, windows: Windows) -> None:
     hurt = recording
     for name in SLOW:
@@ -232,6 +238,7 @@ def test_the_commanded_pressure_replaces_one_that_was_not_measured(tmp_path: Pat
     assert np.median(np.abs(taken / measured - 1.0)) < 0.01
 
 
+@pytest.mark.slow
 def test_complete_readings_are_neither_copied_nor_reported(samples: Samples, windows: Windows) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -240,6 +247,7 @@ def test_complete_readings_are_neither_copied_nor_reported(samples: Samples, win
     assert coverage.assumed == ()
 
 
+@pytest.mark.slow
 def test_the_drag_estimate_skips_a_sample_with_a_reading_missing(recording: Recording) -> None:
     def estimates(readings: Readings) -> list[Any]:
         estimator = DragEstimator(Model.new())

@@ -294,6 +294,7 @@ def test_every_kind_of_change_can_be_undone(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.slow
 def test_file_with_a_hundred_changes_is_read_back(tmp_path: Path) -> None:
     """The history does not keep the model as a whole at every change, until nothing would read it again."""
     model = Model.load(written(tmp_path, content(effects={})))
@@ -417,6 +418,7 @@ def test_an_effect_that_takes_a_name_in_use_is_refused(tmp_path: Path) -> None:
         add_effect(Model.new(), [own, own], [fit])
 
 
+@pytest.mark.slow
 def test_a_proposal_is_added_to_the_model_unchanged(tmp_path: Path) -> None:
     machine = hidden_machine(8, {"three_lobed": {"A": 0.003}})
     fit = record(tmp_path, "fit", machine, "quick")

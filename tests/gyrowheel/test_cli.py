@@ -359,6 +359,7 @@ def test_compare_fails_a_script_above_its_limit(gyrowheel: Shell, wheel: Wheel):
     assert gyrowheel(*arguments, "--fail-above", 1e6).code == 0
 
 
+@pytest.mark.slow
 def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     file = tmp_path / "diagnosis.json"
     arguments = [
@@ -423,6 +424,7 @@ def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_pa
 # ---- the model file
 
 
+@pytest.mark.slow
 def test_model_verbs_in_sequence(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     model, first = tmp_path / "model.yaml", tmp_path / "first.yaml"
     gyrowheel.good("model", "new", "--model", model)
@@ -492,6 +494,7 @@ def test_a_formula_is_added_and_is_the_truth_of_a_machine(gyrowheel: Shell, whee
     assert_refused(twice, "drag", "model.yaml", "already")
 
 
+@pytest.mark.slow
 def test_the_machine_of_a_model_is_explained_by_it(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     """A round trip: what the model says is simulated, and the model then lacks nothing."""
     model = tmp_path / "model.yaml"

@@ -155,6 +155,7 @@ _STREAMS = """
 """
 
 
+@pytest.mark.slow
 def test_closed_streams_and_readers_that_end(tmp_path: Path) -> None:
     """No file takes the place of a closed stream; a reader that has had enough is no finding, and no success.
 

@@ -63,6 +63,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("model") / "wheel.yaml", MODEL)
 
 
+@pytest.mark.slow
 def test_recorded_estimates_are_those_of_drag(
     gyrowheel: Shell, wheel: Wheel, model: Path, tmp_path: Path
 ) -> None:
@@ -162,6 +163,7 @@ def test_a_recording_without_a_hold_is_refused(gyrowheel: Shell, tmp_path: Path)
     assert "no steady hold" in result.err
 
 
+@pytest.mark.slow
 def test_dc_voltages_are_means_of_the_filtered_signals(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path
 ) -> None:
@@ -186,6 +188,7 @@ def test_dc_voltages_are_means_of_the_filtered_signals(
     assert ".parquet" in wrong.err
 
 
+@pytest.mark.slow
 def test_the_picture_has_increments_with_and_without_air(
     gyrowheel: Shell, wheel: Wheel, model: Path, tmp_path: Path
 ) -> None:

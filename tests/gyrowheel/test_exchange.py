@@ -378,6 +378,7 @@ def test_files_that_are_not_tables_are_refused(case: Case, damage: str, suffix: 
     assert not (case.folder / "other").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_export_and_import_return_the_same_recording(
     wheel: Wheel, tmp_path: Path, gyrowheel: Shell, suffix: str
@@ -470,6 +471,7 @@ _JUNK = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_a_map_is_read_or_refused_by_its_name(data: st.DataObject) -> None:

@@ -104,6 +104,7 @@ def test_all_recordings_of_a_folder_are_read_and_nothing_else(drag: gw.Recording
         gw.Recording.all(tmp_path / "none")
 
 
+@pytest.mark.slow
 def test_public_functions_stay_functions_when_every_module_is_imported() -> None:
     """A folder of the same name would take the place of a function."""
     code = (
@@ -150,6 +151,7 @@ def test_recording_has_columns_in_si_units_that_cannot_be_changed(drag: gw.Recor
     assert drag.to_dict()["integrity"]["missing"] == 0
 
 
+@pytest.mark.slow
 def test_results_are_what_the_command_line_writes(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
     model = gw.Model.load(wheel.model)
     compared = gyrowheel("compare", wheel.recording, "--model", wheel.model, "--json", "-")
@@ -169,6 +171,7 @@ def test_results_are_what_the_command_line_writes(gyrowheel: Shell, wheel: Wheel
     gyrowheel("model", "undo", "--model", wheel.model)
 
 
+@pytest.mark.slow
 def test_diagnosis_names_what_is_missing(found: gw.Diagnosis, drag: gw.Recording) -> None:
     assert found.verdict == "effect"
     assert [f.name for f in found.effects] == ["windage"]
@@ -240,6 +243,7 @@ def test_notebook_page_escapes_what_users_wrote(tmp_path: Path) -> None:
     Page(html)
 
 
+@pytest.mark.slow
 def test_results_draw_themselves_without_pyplot_or_global_settings(
     found: gw.Diagnosis, better: gw.Model, drag: gw.Recording
 ) -> None:
@@ -345,6 +349,7 @@ def test_export_and_import_return_the_recording(drag: gw.Recording, tmp_path: Pa
         assert np.array_equal(again.measurement[name], drag.measurement[name])
 
 
+@pytest.mark.slow
 def test_investigation_ends_with_a_diagnosis_and_keeps_its_recordings(tmp_path: Path) -> None:
     said: list[str] = []
     done = gw.investigate(
@@ -365,6 +370,7 @@ def test_investigation_ends_with_a_diagnosis_and_keeps_its_recordings(tmp_path: 
     assert "windage" in Page(done._repr_html_()).words
 
 
+@pytest.mark.slow
 def test_campaign_counts_its_cases(tmp_path: Path) -> None:
     told: list[int] = []
     result = gw.campaign(

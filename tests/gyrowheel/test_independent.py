@@ -89,6 +89,7 @@ def test_both_implementations_of_the_instruments_agree(delay: float, time: float
         np.testing.assert_allclose(np.exp(1j * angle) / true, np.exp(-1j * omega * delay), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_voltages_of_the_independent_loop_belong_to_the_interval_that_ends_at_the_sample() -> None:
     asked = references([Step(2000.0, 1 + 0j, hold=0.3)], 5e-4)
     for delay, older, newer in ((0.0, 2, 2), (-5e-4, 1, 1), (5e-4, 3, 3), (2.5e-4, 3, 2)):
@@ -121,6 +122,7 @@ def test_holding_torques_agree_with_the_bench() -> None:
     assert holds(steps, substeps=8)[:, 4:6] * MNM == pytest.approx(found[:, 4:6] * MNM, abs=0.0012)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effects", "in_phase", "across", "drag"),
     [

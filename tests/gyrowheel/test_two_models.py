@@ -61,6 +61,7 @@ def test_the_verb_compares_two_model_files(
     assert set(found["models"][0]["channels"]) == set(found["models"][1]["channels"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

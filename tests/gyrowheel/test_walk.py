@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from types import FrameType
 
+import pytest
+
 import gyrowheel as gw
 from tools.house import HOUSE
 
@@ -61,6 +63,7 @@ def height(folder: str) -> tuple[int, int]:
     return number, HOUSE[number].floor_of(part)
 
 
+@pytest.mark.slow
 def test_a_diagnosis_calls_the_folders_of_the_house_from_top_to_bottom(tmp_path: Path) -> None:
     gw.simulate("quick", effects={"windage": {}}, machine=6).save(tmp_path / "run")
     model = gw.Model("gyrowheel")

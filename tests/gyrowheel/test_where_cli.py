@@ -16,6 +16,7 @@ from .helpers import Shell
 from .test_render import text_of
 
 
+@pytest.mark.slow
 def test_maps_and_a_picture(gyrowheel: Shell, wheel: Wheel, tmp_path: Path):
     picture = tmp_path / "where.png"
     options = ["--map", "speed", "--map", "azimuth,time", "--picture", picture]

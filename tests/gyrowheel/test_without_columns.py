@@ -59,6 +59,7 @@ def asked(run: gw.Recording) -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "add", lambda: model.add("aero_cross", fit=run)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "absent",
     [COILS, COILS[:1], MOTOR, pytest.param((*COILS, "motor_current"), marks=pytest.mark.study)],
@@ -113,6 +114,7 @@ def place(name: str) -> int:
     return wire.MEASUREMENT.fields.index(name)
 
 
+@pytest.mark.slow
 def test_an_impossible_reading_counts_as_missing(run: gw.Recording, tmp_path: Path) -> None:
     """A logger writes 1e30, or zero kelvin, where a sensor gives nothing."""
     readings = run.data.readings.array.copy()
@@ -161,6 +163,7 @@ def test_a_recording_of_a_few_samples_a_second_is_refused(run: gw.Recording) -> 
             verb(slow, gw.Model("gyrowheel"))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("name", MOTOR)
 def test_absurd_readings_cause_no_traceback(run: gw.Recording, name: str) -> None:

@@ -388,6 +388,7 @@ def test_a_test_runs_on_the_machine_of_the_recordings_and_is_opened(
     assert len(session.opened) == 2
 
 
+@pytest.mark.slow
 def test_a_table_is_mapped_corrected_and_becomes_a_recording(wheel: Wheel, tmp_path: Path) -> None:
     shutil.copytree(wheel.recording, tmp_path / "drag")
     samples = gw.Recording.open(wheel.recording).measurement[:20_000]

@@ -32,6 +32,7 @@ def opened_or_refused(path):
     return result
 
 
+@pytest.mark.slow
 def test_truncated_file_is_refused(directory, tmp_path):
     path, file = copy(directory, tmp_path / "cut")
     data = file.read_bytes()
@@ -42,6 +43,7 @@ def test_truncated_file_is_refused(directory, tmp_path):
             Recording.open(path)
 
 
+@pytest.mark.slow
 def test_every_flipped_bit_is_noticed(directory, tmp_path):
     path, file = copy(directory, tmp_path / "flipped")
     data = file.read_bytes()
@@ -54,6 +56,7 @@ def test_every_flipped_bit_is_noticed(directory, tmp_path):
             Recording.open(path)
 
 
+@pytest.mark.slow
 def test_file_without_checksums_is_refused_or_read(tmp_path):
     """Without checksums a changed reading cannot be noticed; nothing else may come of it."""
     path = foreign(tmp_path / "bag", [(k, data) for k, data in enumerate(measurements())])

@@ -68,6 +68,7 @@ def bag(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_file_that_unpacks_beyond_the_limit_is_refused(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +109,7 @@ def test_table_of_one_repeated_value(tmp_path: Path, monkeypatch: pytest.MonkeyP
         Table(tmp_path / "table.parquet", ColumnMap.load(tmp_path / "map.yaml"))
 
 
+@pytest.mark.slow
 def test_columns_that_are_no_readings_take_no_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lists, bytes and repeated texts of gigabytes in a Parquet file of kilobytes."""
     rows = 4000

@@ -98,6 +98,7 @@ def read(path, way):
     return result
 
 
+@pytest.mark.slow
 def test_preloaded_loops_are_used_for_reading(own):
     """In a process of its own: what was loaded once stays."""
     code = f"""

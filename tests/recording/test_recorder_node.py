@@ -216,6 +216,7 @@ def test_full_disk_leaves_a_complete_recording(small_disk):
         assert sum(1 for _ in reader.messages()) == sum(count(small_disk / "run"))
 
 
+@pytest.mark.slow
 def test_file_that_may_not_grow_is_left_for_salvage(tmp_path):
     """A limit of the file itself: not even its end can be written."""
     code = (

@@ -77,6 +77,7 @@ def test_wrong_setup_is_named_and_its_fix_restores_the_readings(
         assert difference.max() <= 1e-6 * np.abs(original[name]).max()
 
 
+@pytest.mark.slow
 def test_stuck_and_repeated_columns_are_named_without_a_fix(right: Recording, bench: Bench) -> None:
     for spoil, kind, columns in (
         (lambda s: s["tilt_y"].fill(0.01), "stuck", ("tilt_y",)),
@@ -134,6 +135,7 @@ BESIDE = [
 ]
 
 
+@pytest.mark.slow
 def test_wrong_setup_is_found_with_missing_readings(right: Recording, bench: Bench) -> None:
     for absent, spoil, kind, columns in BESIDE:
         assert not wrong_setups([spoilt(right, without(absent))], bench), absent
@@ -215,6 +217,7 @@ def test_other_machine_is_recognised_by_its_inertia(
     assert not wrong_setups(unnamed, stated, mixed=True)
 
 
+@pytest.mark.slow
 def test_recordings_of_one_machine_belong_together(right: Recording, bench: Bench) -> None:
     effects = {"gravity_offset": {"G": 0.012}}
     others = [

@@ -84,6 +84,7 @@ def test_no_chunk_is_longer_than_a_quarter_of_a_second(tmp_path):
     assert max(spans) <= 0.25e9
 
 
+@pytest.mark.slow
 def test_salvage_restores_everything_before_any_cut(tmp_path):
     """Of a recording that was written in one go: all but a quarter of a second, and never nothing."""
     run = make_run(20_000)

@@ -517,6 +517,7 @@ PAIRS = [(name, f"{name[:-1]}y") for name in ALL_ROWS if name.endswith("_x")]
 COEFFICIENTS = [(effect, c) for effect in physical().values() for c in effect.coefficients]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "coefficient"),
     [
