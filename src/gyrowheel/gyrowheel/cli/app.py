@@ -44,6 +44,7 @@ app = typer.Typer(
     name="gyrowheel",
     help="Test bench of a gyroscopic wheel: run it, compare recordings with the model, find what the model lacks.",
     epilog=(
+        "Begin with: gyrowheel demo. "
         "Exit codes: 0 success, 1 a finding or a failed check, 2 bad input, 3 a node of the bench failed, "
         "70 an internal error, 130 interrupted."
     ),
@@ -69,47 +70,61 @@ def _common(
     pass
 
 
-#: Verbs and groups of verbs in the order of the help, each with an example.
-_VERBS: tuple[tuple[Callable[..., None] | typer.Typer, str], ...] = (
-    (demonstration.demo, "demo --seed 3"),
-    (graph.up, "up --plan quick --record runs/monday --effect windage"),
-    (simulation.simulate, "simulate --plan quick -o runs/monday --effect windage:w=0.001"),
-    (recordings.info, "info runs/monday"),
-    (recordings.salvage, "salvage runs/monday -o runs/monday_saved"),
-    (graph.replay, "replay runs/monday --from 10 --to 20 --rate 0.5"),
-    (graph.live, "live --port 8765"),
-    (tables.import_, "import test.csv --map test.map.yaml -o runs/test"),
-    (tables.export, "export runs/monday -o monday.parquet"),
-    (recordings.correct, "correct runs/monday -o runs/right --exchange tilt_x:tilt_y"),
-    (comparison.compare, "compare runs/monday --model wheel.yaml --map speed,azimuth"),
-    (diagnosis.diagnose, "diagnose runs/monday --model wheel.yaml"),
-    (rate_sensing.rate, "rate runs/rate_table --model wheel.yaml"),
-    (report.report, "report runs/monday --model wheel.yaml -o monday.html"),
-    (workbench.workbench, "workbench runs --model wheel.yaml"),
-    (torque_budget.torques, "torques --tilt 3 --speed 1000..4000"),
-    (momentum_envelope.momentum, "momentum --bench dtg --picture caps.png"),
-    (paper_figures.paper, "paper -o paper"),
-    (drag_comparison.drag, "drag runs/tilts --model wheel.yaml"),
-    (investigation.investigate, "investigate --model wheel.yaml --blind key.json --budget 10"),
-    (blind_tests.key, "key key.json --against wheel.yaml"),
-    (calibration.calibrate, "calibrate runs/cone runs/coast_down --model wheel.yaml"),
-    (models.model_app, "model show --model wheel.yaml"),
-    (catalogue.effects, "effects windage"),
-    (catalogue.plans, "plans quick"),
-    (catalogue.bench, "bench"),
-    (air_flow.air, "air --tilt 5 --speed 3500"),
-    (air_flow.cfd_app, "cfd run --tilt 5 --speed 3500 --mesh coarse -o runs/air"),
-    (campaigns.campaign, "campaign --cases 40 --seed 3 --plan quick"),
-)
-for verb, shown in _VERBS:
-    name, epilog = shown.partition(" ")[0], example(f"gyrowheel {shown}")
-    if isinstance(verb, typer.Typer):
-        app.add_typer(verb, name=name, epilog=epilog)
-    else:
-        app.command(name, epilog=epilog)(verb)
+#: Verbs by subject, in the order of the help, each with an example.
+_VERBS: dict[str, tuple[tuple[Callable[..., None] | typer.Typer, str], ...]] = {
+    "The loop: compare, see where, learn what, add, watch": (
+        (demonstration.demo, "demo --seed 3"),
+        (comparison.compare, "compare runs/monday --model wheel.yaml --map speed,azimuth"),
+        (diagnosis.diagnose, "diagnose runs/monday --model wheel.yaml"),
+        (models.model_app, "model show --model wheel.yaml"),
+        (investigation.investigate, "investigate --model wheel.yaml --blind key.json --budget 10"),
+        (workbench.workbench, "workbench runs --model wheel.yaml"),
+        (report.report, "report runs/monday --model wheel.yaml -o monday.html"),
+    ),
+    "Make a recording": (
+        (simulation.simulate, "simulate --plan quick -o runs/monday --effect windage:w=0.001"),
+        (graph.up, "up --plan quick --record runs/monday --effect windage"),
+        (graph.replay, "replay runs/monday --from 10 --to 20 --rate 0.5"),
+        (graph.live, "live --port 8765"),
+    ),
+    "Recordings and tables": (
+        (recordings.info, "info runs/monday"),
+        (tables.import_, "import test.csv --map test.map.yaml -o runs/test"),
+        (tables.export, "export runs/monday -o monday.parquet"),
+        (recordings.correct, "correct runs/monday -o runs/right --exchange tilt_x:tilt_y"),
+        (recordings.salvage, "salvage runs/monday -o runs/monday_saved"),
+    ),
+    "Benches, plans, effects": (
+        (catalogue.effects, "effects windage"),
+        (catalogue.plans, "plans quick"),
+        (catalogue.bench, "bench"),
+        (calibration.calibrate, "calibrate runs/cone runs/coast_down --model wheel.yaml"),
+    ),
+    "Torques, rates, air": (
+        (drag_comparison.drag, "drag runs/tilts --model wheel.yaml"),
+        (torque_budget.torques, "torques --tilt 3 --speed 1000..4000"),
+        (momentum_envelope.momentum, "momentum --bench dtg --picture caps.png"),
+        (rate_sensing.rate, "rate runs/rate_table --model wheel.yaml"),
+        (air_flow.air, "air --tilt 5 --speed 3500"),
+        (air_flow.cfd_app, "cfd run --tilt 5 --speed 3500 --mesh coarse -o runs/air"),
+        (paper_figures.paper, "paper -o paper"),
+    ),
+    "Is the answer right?": (
+        (blind_tests.key, "key key.json --against wheel.yaml"),
+        (campaigns.campaign, "campaign --cases 40 --seed 3 --plan quick"),
+    ),
+}
+for panel, verbs in _VERBS.items():
+    for verb, shown in verbs:
+        name, epilog = shown.partition(" ")[0], example(f"gyrowheel {shown}")
+        if isinstance(verb, typer.Typer):
+            app.add_typer(verb, name=name, epilog=epilog, rich_help_panel=panel)
+        else:
+            app.command(name, epilog=epilog, rich_help_panel=panel)(verb)
 app.command(
     epilog=example("gyrowheel run gyrowheel_sim plant_node --ros-args -p publish_truth:=true"),
     context_settings={"allow_extra_args": True, "ignore_unknown_options": True, "help_option_names": []},
+    rich_help_panel="Make a recording",
 )(graph.run)
 guard(app)
 
