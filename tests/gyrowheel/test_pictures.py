@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gyrowheel.comparison.picture import _arrow_scale
+from gyrowheel.comparison.picture import arrow_scale
 from gyrowheel.investigation.page import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.diagnosis.result import DetectionLimit, NextTest
@@ -125,7 +125,7 @@ def longest(windows: int, wrong: float, noise: float, *, wrong_there: bool = Fal
     values[::12], sigma[::12] = (10.0 if wrong_there else 1.0) * noise, noise
     part = Part(CHANNELS["tilt"], values, sigma, np.abs(values) ** 2 / sigma**2)
     data = SimpleNamespace(parts={"tilt": part}, windows=SimpleNamespace(mean_tilt=np.full(windows, 4 * DEG)))
-    return wrong * _arrow_scale(data)  # type: ignore[arg-type]
+    return wrong * arrow_scale(data)  # type: ignore[arg-type]
 
 
 def test_arrow_lengths_follow_the_misfit_and_not_the_noise() -> None:

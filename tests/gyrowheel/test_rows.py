@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
+from gyrowheel.workbench import pictures
+from gyrowheel.workbench.library import Library
+from gyrowheel.workbench.session import Session, Step
 from gyrowheel_analysis.channels import LISTED, TORQUES
+from gyrowheel_analysis.fitting.variance import DriftCovariance
 from gyrowheel_analysis.residuals.error_table import Residuals
 
 from .conftest import Wheel
@@ -109,10 +113,25 @@ def test_the_shares_and_maps_of_chi2_sum_to_that_of_the_rows(results: dict[str, 
             )
 
 
-def test_the_whitened_residuals_are_those_of_the_whole_covariance(results: dict[str, Any]) -> None:
-    """Independent of the recursion that whitens: the dense matrix of white noise and drift."""
-    from gyrowheel_analysis.fitting.variance import DriftCovariance
+def test_the_map_of_the_workbench_is_that_of_the_comparison(results: dict[str, Any], wheel: Wheel) -> None:
+    compared, session = (
+        results["data"],
+        Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model)),
+    )
+    session.steps = [Step(gw.Model.load(wheel.model), compared)]
+    own = {name: float(part.chi2.sum()) for name, part in compared.data.parts.items()}
+    rows = {name: len(part.kind.rows) for name, part in compared.data.parts.items()}
+    for shown in pictures.maps(session):
+        for name, chi2 in own.items():
+            total = sum(cell["chi2"][name] * len(cell["windows"]) * rows[name] for cell in shown["cells"])
+            assert total == pytest.approx(chi2, rel=5e-3, abs=0.1)  # shown to three places
+    chosen = shown["cells"][0]["windows"]
+    share = sum(float(part.chi2[chosen].sum()) for part in compared.data.parts.values()) / sum(own.values())
+    assert pictures.region(session, chosen)["share"] == pytest.approx(share)
 
+
+def test_the_whitened_residuals_are_those_of_the_whole_covariance() -> None:
+    """Independent of the recursion that whitens: the dense matrix of white noise and drift."""
     rng = np.random.default_rng(5)
     time = np.sort(rng.uniform(0.0, 60.0, 40))
     own = DriftCovariance(time, rng.uniform(1.0, 4.0, 40), 3.0, 20.0)

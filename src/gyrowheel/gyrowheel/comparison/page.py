@@ -17,7 +17,7 @@ from rich.text import Text
 from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.formulas import is_pure
 from gyrowheel.show.layout import commands, figures_table, heading, sentences, words_table
-from gyrowheel.show.sentences.findings import reading_sentence, untold_sentences
+from gyrowheel.show.sentences.findings import event_sentences, reading_sentence, untold_sentences
 from gyrowheel.show.sentences.residuals import (
     TITLES,
     dependence_sentences,
@@ -78,6 +78,10 @@ def comparison_page(
     yield channel_table(result)
     yield Text(_LEGEND, style="dim")
     yield from coverage(result.coverage)
+    if result.events:
+        yield heading("Events in the recordings, taken out of the residual")
+        several = len({*result.recordings, *(event.recording for event in result.events)}) > 1
+        yield from sentences(event_sentences(result.events, several=several))
     yield from readings(result)
     yield from failures(result.where, result.dependence, failing=result.fails)
     for each in [m for m in result.maps if m.over == DEFAULT and result.fails] if maps is None else maps:

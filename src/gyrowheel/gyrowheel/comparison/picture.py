@@ -57,7 +57,7 @@ def figure_of_failure(result: Comparison) -> Figure:
     norm = LogNorm(vmin=1.0, vmax=_WORST)
     groups = _chosen(speed_groups(data.windows.mean_spin), data)
     above = figure.add_gridspec(1, len(groups), left=0.06, right=0.975, top=0.83, bottom=0.44, wspace=0.18)
-    scale = _arrow_scale(data) if COILS in data.parts else None
+    scale = arrow_scale(data) if COILS in data.parts else None
     for place, group in enumerate(groups):
         _plane(figure.add_subplot(above[0, place]), data, group, scale, norm, first=place == 0)
     maps = [residual_map(data, (name,)) for name in VARIABLES]
@@ -82,7 +82,7 @@ def _chosen(groups: list[NDArray[np.int64]], data: WindowResiduals) -> list[NDAr
     return sorted(ranked, key=lambda g: float(data.windows.mean_spin[g].mean()))
 
 
-def _arrow_scale(data: WindowResiduals) -> float:
+def arrow_scale(data: WindowResiduals) -> float:
     """Return degrees an N m: the longest arrow beyond the noise spans most of the largest tilt.
 
     Windows whose residual is noise, or whose noise is an outlier, do not count: short windows are noisy. Where all is

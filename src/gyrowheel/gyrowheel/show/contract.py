@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 def comparison_json(found: Comparison) -> dict[str, Any]:
     """Return a comparison as a JSON object."""
     raw = {name: found.raw_rms[name] for name in TORQUES if name in found.raw_rms}
+    many = len({*found.recordings, *(event.recording for event in found.events)}) > 1
     return {
         "schema": 1,
         "error": {"unit": "N·m", "before": found.error_before.to_json(), "raw": {"rms": raw}},
@@ -54,6 +55,7 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "whiteness": [test.to_json() for test in found.whiteness],
         "maps": maps_json(found.maps),
         "instruments": reading_json(found.readings),
+        "events": [event_json(event, several=many) for event in found.events],
         "recordings": list(found.recordings),
         "model": found.model,
         "assumed": list(found.coverage.assumed),

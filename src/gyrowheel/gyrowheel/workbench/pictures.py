@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.comparison.picture import axis_title, cell_label
+from gyrowheel.comparison.picture import arrow_scale, axis_title, cell_label
 from gyrowheel.drag_comparison.page import agreement_sentence
 from gyrowheel.drag_comparison.picture import tilts
 from gyrowheel.show.figure import columns
@@ -156,6 +156,7 @@ def windows(session: Session) -> dict[str, Any] | None:
     w, tilt = data.windows, data.parts.get(COILS)
     # without both coil voltages there is no residual of the coils
     values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values
+    noisy = np.zeros(len(w), dtype=bool) if tilt is None else tilt.noisy
     unit = unit_for(float(np.median(np.abs(values))), "N·m")
     return {
         "recording": [keys[int(k)] for k in data.recording],
@@ -167,6 +168,9 @@ def windows(session: Session) -> dict[str, Any] | None:
         "residual_x": (np.real(values) / unit.size).tolist(),
         "residual_y": (np.imag(values) / unit.size).tolist(),
         "of_coils": tilt is not None,
+        # degrees of an arrow of one unit; windows that are far noisier than the others have none
+        "arrow": 0.0 if tilt is None else arrow_scale(data) * unit.size,
+        "noisy": noisy.tolist(),
         "unit": unit.label,
         "chi2": {
             name: {"title": CHANNELS[name].title, "values": (part.chi2 / len(part.kind.rows)).tolist()}

@@ -44,7 +44,7 @@ class Explanation:
     @property
     def before(self) -> Fit:
         """The fit of the model alone: if it lacks something, the bench stays within its stated uncertainties."""
-        missing = self.proposal is not None or self.selection.findings
+        missing = self.proposal is not None or self.selection.best.terms
         return self.problem.fit_within() if missing else self.best
 
 

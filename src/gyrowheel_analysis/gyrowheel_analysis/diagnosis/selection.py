@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -59,12 +60,18 @@ class Finding:
 
 @dataclass(frozen=True)
 class Selection:
-    """Outcome of the selection: the fit without and with the findings."""
+    """Outcome of the selection: the fit without and with the findings; `pool` are the terms that were tried."""
 
+    problem: Problem
     null: Fit
     best: Fit
-    findings: tuple[Finding, ...]
+    pool: tuple[Term, ...]
     inflation: float
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """The selected terms with their ties and rivals, each of which takes a fit."""
+        return tuple(_finding(self.problem, self.best, term, self.pool) for term in self.best.terms)
 
 
 def threshold(term: Term, inflation: float) -> float:
@@ -113,8 +120,7 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
         searching = max(searching - 1, 0)
         pool = [t for t in pool if t != failed]
         current = problem.fit(tuple(t for t in current.terms if t != failed), current)
-    findings = tuple(_finding(problem, current, t, pool) for t in current.terms)
-    return Selection(null, current, findings, current.chi2_rows / dof)
+    return Selection(problem, null, current, tuple(pool), current.chi2_rows / dof)
 
 
 def unsupported(

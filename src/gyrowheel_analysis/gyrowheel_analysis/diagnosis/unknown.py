@@ -218,13 +218,11 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     ]
     base = problem.evidence(selection.best)
     starts = [selection.best]
-    if selection.findings:
+    chosen = selection.best.terms
+    if chosen:
         starts.append(selection.null)
-    if len(selection.findings) > 1:
-        starts += [
-            problem.fit(tuple(t for t in selection.best.terms if t != f.term), selection.best)
-            for f in selection.findings
-        ]
+    if len(chosen) > 1:
+        starts += [problem.fit(tuple(t for t in chosen if t != own), selection.best) for own in chosen]
     cancels = cancelling(problem, selection.best)
     beside = rank(problem, selection.best, family)
     # a form that replaces an effect cannot explain more than one that is added to it

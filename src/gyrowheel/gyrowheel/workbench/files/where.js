@@ -3,7 +3,6 @@
 import { P, at, dark, element, fixed, now, put, say, send, table, tell, themed } from "./shared.js";
 import { choose } from "./signals.js";
 
-const NOISE = 9; // χ²/N of a window up to which it may be noise
 const WORST = 1000; // χ²/N at the end of the colours
 let source = null;
 let drawn = null;
@@ -56,18 +55,15 @@ function release() {
 
 function plane(w) {
   const chi2 = w.chi2[channel].values;
-  const size = Math.max(...w.residual_x.map((x, k) => Math.hypot(x, w.residual_y[k])), 1e-12);
-  const reach = 1.2 * Math.max(...w.tilt_x.map((x, k) => Math.hypot(x, w.tilt_y[k])), 0.5);
-  // what is noise alone is drawn short
-  const scale = ((Math.max(...(w.chi2.tilt?.values ?? [0])) > NOISE ? 0.3 : 0.08) * reach) / size;
+  const scale = w.noisy.map((noisy) => (noisy ? 0 : w.arrow));
   source = new Bokeh.ColumnDataSource({
     data: {
       x: w.tilt_x, y: w.tilt_y, speed: w.speed, chi2: chi2.map((v) => Math.max(v, 0.05)),
-      x1: w.tilt_x.map((x, k) => x + scale * w.residual_x[k]), y1: w.tilt_y.map((y, k) => y + scale * w.residual_y[k]),
-      colour: chi2.map(shade),
+      x1: w.tilt_x.map((x, k) => x + scale[k] * w.residual_x[k]), y1: w.tilt_y.map((y, k) => y + scale[k] * w.residual_y[k]),
+      colour: chi2.map(shade), marker: w.noisy.map((noisy) => (noisy ? "x" : "circle")),
     },
   });
-  const mark = { source, size: 9, fill_color: { field: "colour" }, line_color: "#777777", nonselection_alpha: 0.2 };
+  const mark = { source, size: 9, marker: { field: "marker" }, fill_color: { field: "colour" }, line_color: "#777777", nonselection_alpha: 0.2 };
   const title = w.chi2[channel].title;
   const options = { height: 430, sizing_mode: "stretch_width", tools: "tap,box_select,pan,wheel_zoom,reset", toolbar_location: "right" };
   const left = P.figure({ ...options, title: `tilt plane; colour: χ²/N of the ${title} (1: noise)`, match_aspect: true });
