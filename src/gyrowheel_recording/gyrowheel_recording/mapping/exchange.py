@@ -125,10 +125,10 @@ def import_table(
     ]
     slower = clock.period / bench.sample_period
     if slower > 1.0 + _OTHER_RATE:
-        remarks.append(
-            f"the loop of the bench gives {1.0 / bench.sample_period:.5g} voltages a second: {1.0 - 1.0 / slower:.0%} "
-            "of them are not in the table, and averages are noisier, unless its loop runs at another rate "
-            "(`sample_period` of the bench); record averages over each sample, or at the rate of the loop"
+        remarks[0] += (
+            f", where the loop of the bench gives {1.0 / bench.sample_period:.5g} voltages: {1.0 - 1.0 / slower:.0%} "
+            "of them are not in the table, and averages are noisier. Record averages over each sample, or at the rate "
+            "of the loop, or state another `sample_period` in the bench"
         )
     lacking = [name for name in READINGS if name not in column_map.columns]
     if lacking:
