@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, find_executable, node_parameters
+from gyrowheel_bringup.graph.launch import require_known
 from gyrowheel_bringup.viewers import robot_description, rviz_config, share_file
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
@@ -155,6 +156,12 @@ def test_launch_of_the_bench_starts_what_up_starts(realtime: bool, monkeypatch: 
         not realtime
     }
     assert parameters_of(nodes["plan_client_node"]) == {"plan": "quick"}
+
+
+def test_a_misspelt_argument_of_a_launch_file_is_refused() -> None:
+    require_known(["plan", "ros_namespace", "camera_rate"], ["plan", "record"])
+    with pytest.raises(InputError, match=r"^plann: no such argument; did you mean plan\?$"):
+        require_known(["plann"], ["plan", "record"])
 
 
 @pytest.mark.graph

@@ -15,6 +15,7 @@ from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.io import savemat
 
 import gyrowheel as gw
 from gyrowheel_core.errors import InputError
@@ -146,6 +147,39 @@ def test_matrices_of_matlab_stand_as_it_shows_them(tmp_path: Path) -> None:
     grid = read_grid(tmp_path / "m.mat")
     assert list(grid.columns) == [f"square.{k}" for k in range(1, 7)]
     assert grid.columns["square.1"].values.tolist() == shown[:, 0].tolist()
+
+
+def test_signals_of_simulink_have_their_labels(tmp_path: Path) -> None:
+    table = columns()
+    time = table.pop("Time [s]")
+    matrix_of_all = np.column_stack(list(table.values()))
+    single = np.array(
+        list(zip(table.values(), table, strict=True)), dtype=[("values", object), ("label", object)]
+    )
+    for k, signals in enumerate(
+        ({"values": matrix_of_all, "label": np.array(list(table), dtype=object)}, single)
+    ):
+        file = tmp_path / f"scope{k}.mat"
+        savemat(file, {"Scope": {"time": time, "signals": signals}})
+        found = gw.suggest_map(file)
+        assert found.settled, found.questions
+        assert found.content["columns"]["tilt_x"] == {"column": "Scope.Tilt X [deg]", "unit": "deg"}
+        assert len(gw.read_table(file, found)) == N
+
+
+# --- numbers for none ---
+
+
+def test_numbers_by_which_instruments_mean_none_are_not_measured(tmp_path: Path) -> None:
+    table = Table()
+    for row, text in ((7, "9.91E+37"), (8, "+9.9E37"), (9, "-9.90000E+37")):
+        table.columns["Motor current [A]"][row] = text
+    file = table.write(tmp_path)
+    found = gw.suggest_map(file)
+    assert found.settled, found.questions
+    assert "Motor current [A]: 3 values of 9.91E+37 or so, by which instruments mean none." in found.remarks
+    rows = gw.read_table(file, found).data.measurement
+    assert np.flatnonzero(np.isnan(rows["motor_current"])).tolist() == [7, 8, 9]
 
 
 # --- Parquet ---

@@ -129,10 +129,10 @@ def _report(result: GraphResult, json: str | None) -> None:
             f"{result.ratio:.2f} times real time"
         )
         if pace := result.pace:
-            share = pace["late_commands"] / max(result.samples, 1)
+            share = f" ({pace['late_commands'] / result.samples:.2%})" if result.samples else ""
             still = f"; the bench stood still for {pace['behind_s']:.3f} s" if pace["behind_s"] > 0.0 else ""
             out().print(
-                f"{pace['late_commands']:.0f} commands late ({share:.2%}), {pace['missing_commands']:.0f} missing; the "
+                f"{pace['late_commands']:.0f} commands late{share}, {pace['missing_commands']:.0f} missing; the "
                 f"last one was held for {pace['held_samples']:.0f} samples{still}",
                 soft_wrap=True,
             )

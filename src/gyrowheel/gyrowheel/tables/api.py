@@ -53,7 +53,8 @@ class TableMap(Result):
         """Missing readings and what an import does about them."""
         found = self.suggestion
         problems = [f"{own.what} {own.cure}".strip() for own in found.problems if not own.asks]
-        return (*problems, *(f"{text}." for text in found.remarks if not text.startswith("not in the")))
+        done = [f"{text}." for text in found.remarks if not text.startswith("not in the")]
+        return tuple(dict.fromkeys([*problems, *done]))
 
     @property
     def settled(self) -> bool:

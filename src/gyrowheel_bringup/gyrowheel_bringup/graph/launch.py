@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import shutil
 from collections.abc import Collection, Mapping
@@ -12,7 +13,25 @@ from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE
 
+_NEAR = 0.8  # likeness of a misspelt argument
 _YES, _NO = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
+
+
+def require_known(given: Collection[str], known: Collection[str]) -> None:
+    """Refuse an argument of a launch file that resembles a known one: launch takes any name and ignores it.
+
+    Others may belong to a launch file that includes this one.
+
+    Raises
+    ------
+    InputError
+        If a name is misspelt: without its plan a bench would run for ever.
+    """
+    for name in given:
+        if name not in known and (
+            near := difflib.get_close_matches(name[:60], list(known), n=1, cutoff=_NEAR)
+        ):
+            raise InputError(f"{name}: no such argument; did you mean {near[0]}?")
 
 
 def flag(name: str, text: str) -> bool:

@@ -13,6 +13,7 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import require_room
 
 BYTES_A_VALUE = 16  # as it is read, and as it is converted
+_NONE = 9.905e37  # 9.91E+37 is no number, 9.9E+37 beyond the range (SCPI 1999, volume 1, 7.2.1.4)
 _WIDEST = 64  # columns of a matrix; a wider one is no table of signals
 #: Cells that are no plain number: one with the other decimal sign, with signs between thousands, with its unit
 #: behind it, a time of day or a date, or any other text.
@@ -74,12 +75,17 @@ class Grid:
         InputError
             If there is no column.
         """
-        given = list(columns)
+        given, said = [], list(remarks)
+        for column in columns:
+            own, none = _without_overflow(column)
+            given.append(own)
+            if none:
+                said.append(f"{own.name}: {none} values of 9.91E+37 or so, by which instruments mean none")
         names = distinct(column.name for column in given)
         found = {name: replace(column, name=name) for name, column in zip(names, given, strict=True)}
         if not found:
             raise InputError(f"{name}: has no columns of numbers")
-        return cls(name, found, tuple(remarks))
+        return cls(name, found, tuple(said))
 
     def cut(self, rows: Any) -> Grid:
         """Return some rows, a slice or their numbers; all columns must be of one clock. Those of texts stay."""
@@ -106,6 +112,16 @@ def distinct(names: Iterable[str]) -> list[str]:
             own = f"{name} ({counts[name]})"
         found[own] = None
     return list(found)
+
+
+def _without_overflow(column: Column) -> tuple[Column, int]:
+    """Return a column without the numbers by which SCPI says that there is none, and how many those are."""
+    values = column.values
+    if values.dtype.kind != "f" or not len(values):
+        return column, 0
+    none = np.abs(np.abs(values.astype(np.float64)) / _NONE - 1.0) < 2e-3
+    count = int(np.count_nonzero(none))
+    return (replace(column, values=np.where(none, np.nan, values)), count) if count else (column, 0)
 
 
 def split(name: str, values: Any, *, unit: str = "", joint: str = ".") -> list[Column]:

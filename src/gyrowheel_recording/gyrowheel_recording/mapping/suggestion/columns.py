@@ -120,11 +120,13 @@ def _unread(column: Column, what: Meaning, found: Mapping[str, Proposal]) -> lis
                 "See whether its sensor was connected; take the column out where it was not.",
             )
         ]
-    text = next((str(value) for value in column.values if str(value)), "")
+    row, text = next(((k, str(value)) for k, value in enumerate(column.values, 1) if str(value)), (1, ""))
+    strange = next((sign for sign in text if not sign.isascii()), "")
+    named = f", with the character U+{ord(strange):04X} in it" if strange else ""
     return [
         Problem(
-            f"column '{column.name}' holds text, such as '{text[:20]}'.",
-            "Write numbers in every row; leave a cell empty where there is none.",
+            f"column '{column.name}' holds text, such as '{text[:20]}' in row {row}{named}.",
+            "Write plain numbers in every row, digits with one decimal sign; leave a cell empty where there is none.",
         )
     ]
 

@@ -6,6 +6,7 @@ import io
 import math
 import struct
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -283,6 +284,9 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
 
 def _columns(name: str, value: Any, objects: dict[str, str]) -> Iterator[Column]:
     if hasattr(value, "_fieldnames"):  # a structure
+        if {"label", "values"} <= set(value._fieldnames):
+            yield from _labelled(name, value)
+            return
         for field in value._fieldnames:
             yield from _columns(f"{name}.{field}", getattr(value, field), objects)
         return
@@ -306,6 +310,18 @@ def _columns(name: str, value: Any, objects: dict[str, str]) -> Iterator[Column]
                 yield from split(f"{name}.{field}", np.array(values))
     for k, own in enumerate(items[:_MOST]):
         yield from _columns(f"{name}.{k + 1}", own, objects)
+
+
+def _labelled(name: str, signal: Any) -> Iterator[Column]:
+    """Yield the columns of a signal of Simulink by its label, or its labels, where there is one for each column."""
+    columns = split(f"{name}.values", signal.values)
+    labels = [str(own).strip() for own in np.atleast_1d(signal.label)] if np.size(signal.label) else []
+    place = name.rpartition(".signals")[0] or name
+    if len(labels) == len(columns) and all(labels):
+        columns = [
+            replace(column, name=f"{place}.{label}") for column, label in zip(columns, labels, strict=True)
+        ]
+    yield from columns
 
 
 def _is_number(value: Any) -> bool:
