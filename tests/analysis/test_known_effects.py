@@ -12,8 +12,9 @@ from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel.show.sentences.proof import doubt_sentence
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
-from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.diagnosis.diagnose import diagnose, misstated
+from gyrowheel_analysis.fitting.preparation import prepare
+from gyrowheel_analysis.model import Model, Override
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import effect_from_text
@@ -135,3 +136,22 @@ def test_a_bench_parameter_ends_at_the_limit_of_what_a_model_file_holds(
 def _saved(model: Model, path: Path) -> Path:
     model.save(path)
     return path
+
+
+def test_a_model_far_from_the_recordings_is_reported_before_anything_else(
+    recordings: dict[str, Recording],
+) -> None:
+    """Its value is fitted again in any case, so that nothing else shows it."""
+    stated = {"flexure_stiffness_x": Override(0.1345, 0.0005)}
+    for value in (0.07, 1e308):
+        model = replace(model_with(TRUTH["c"]), overrides={"flexure_stiffness_x": Override(value)})
+        found = diagnose([recordings["with"]], model)
+        (wrong,) = found.misstated
+        assert (wrong.name, wrong.value, found.verdict) == ("flexure_stiffness_x", value, "insufficient_data")
+        assert wrong.found == pytest.approx(0.136, rel=0.05)
+        assert "flexure_stiffness_x is" in diagnosis_json(found)["summary"]
+        assert "take overrides.flexure_stiffness_x out" in diagnosis_json(found)["misstated"][0]["sentence"]
+    assert compare([recordings["with"]], model).misstated == (wrong,)
+    for other in ("with", "without"):  # of another machine, and with an effect that it lacks
+        model = replace(model_with(TRUTH["c"]), overrides=stated)
+        assert misstated(model, prepare([recordings[other]], model).problem) == ()

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.criteria import FAILING_CHI2
+from gyrowheel_analysis.diagnosis.diagnose import misstated
 from gyrowheel_analysis.diagnosis.events import with_sizes
 from gyrowheel_analysis.diagnosis.explanation import explained
-from gyrowheel_analysis.diagnosis.result import DatedEvent
+from gyrowheel_analysis.diagnosis.result import DatedEvent, Misstated
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -113,6 +114,8 @@ class Comparison:
         Recordings in which hum at the stated mains frequency cannot be measured, and why (`hum.unobservable`).
     events : tuple of DatedEvent
         Changes in the middle of a recording; the residual is without them.
+    misstated : tuple of Misstated
+        Bench parameters that the model file has far from their values.
     """
 
     channels: Mapping[str, ChannelMetrics]
@@ -130,6 +133,7 @@ class Comparison:
     readings: tuple[ReadingFinding, ...] = ()
     hum_unknown: tuple[tuple[str, str], ...] = ()
     events: tuple[DatedEvent, ...] = ()
+    misstated: tuple[Misstated, ...] = ()
 
     @property
     def worst(self) -> float:
@@ -161,7 +165,8 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
     InputError
         If a recording has too little steady motion to compare anything.
     """
-    explanation = explained(prepare(recordings, model, progress=progress), recordings, progress)
+    first = prepare(recordings, model, progress=progress)
+    explanation = explained(first, recordings, progress)
     prepared, problem, fit = explanation.fitted, explanation.problem, explanation.before
     data = residual_data(prepared, fit)
     errors = errors_of(fit, fit, prepared)
@@ -194,6 +199,7 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
         readings=readings.found,
         hum_unknown=readings.hum_unknown,
         events=tuple(with_sizes(problem, explanation.best, explanation.happened, paths)),
+        misstated=misstated(model, first.problem),
     )
 
 

@@ -216,6 +216,10 @@ DRIFT_SCALE_BOUNDS: Final = (1.0, 8.0)
 DRIFT_SCALE_SPREAD: Final = 0.7
 #: Change of the logarithm of a standard deviation from which on the noise is estimated again.
 NOISE_CHANGED: Final = 0.25
+#: Stated uncertainties by which the value of a bench parameter in a model file must differ from that of the recordings,
+#: and from the stated one, for the file to be wrong: a missing effect of usual size moves no parameter so far, and what
+#: was fitted on other recordings of the machine is nearer.
+MISSTATED: Final = 10.0
 #: Standard uncertainties within which a parameter counts as stated (`Problem.fit_within`).
 STATED_RANGE: Final = 3.0
 #: Steady windows below which nothing is fitted.

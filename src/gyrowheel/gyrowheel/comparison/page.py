@@ -25,6 +25,7 @@ from gyrowheel.show.sentences.residuals import (
     region_description,
     region_name,
 )
+from gyrowheel.show.sentences.setup import misstated_sentence
 from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.residuals.maps import DEFAULT
 from gyrowheel_core.quantities import decimal, fixed, quantity, with_error
@@ -73,6 +74,8 @@ def comparison_page(
     Without `maps` a map over speed and tilt is shown where the model fails.
     """
     colour = "red" if result.fails else "green"
+    for item in result.misstated:
+        yield Text(f"{misstated_sentence(item, result.model)}.", style="bold red")
     yield Panel(Text(f"{verdict(result)}.", style="bold"), border_style=colour, expand=False)
     yield heading("Prediction error, bench parameters fitted within their uncertainties")
     yield channel_table(result)

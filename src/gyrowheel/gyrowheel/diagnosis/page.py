@@ -59,6 +59,9 @@ def diagnosis_page(result: Diagnosis) -> Iterator[RenderableType]:
     if result.setup:
         yield from setup_page(result.setup)
         return
+    if result.misstated:
+        yield Panel(Text(verdict_sentence(result), style="bold"), border_style="red", expand=False)
+        return
     if result.verdict != "nothing_missing":
         yield from failures(result.where)
     yield Text()

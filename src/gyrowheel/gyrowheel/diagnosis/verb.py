@@ -45,7 +45,7 @@ def diagnose(
         result = gw.diagnose(
             recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
         )
-    if result.setup:
+    if result.setup or result.misstated:
         put(result, json)
         raise typer.Exit(BAD_INPUT)
     parts = [shlex.join(["gyrowheel", "diagnose", part, "--model", str(model)]) for part in result.parts]

@@ -16,7 +16,7 @@ from gyrowheel.show.sentences.findings import (
 )
 from gyrowheel.show.sentences.proof import calibration_notes, proof_sentence
 from gyrowheel.show.sentences.residuals import dependence_sentences, region_description, region_name
-from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
+from gyrowheel.show.sentences.setup import cure_of, map_lines, misstated_sentence, problem
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.maps import maps_json
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         EffectFinding,
         Estimate,
         InstrumentFinding,
+        Misstated,
         Proof,
         TieReport,
     )
@@ -54,6 +55,7 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
         "tests": [test.to_json() for test in found.tests],
         "whiteness": [test.to_json() for test in found.whiteness],
         "maps": maps_json(found.maps),
+        "misstated": misstated_json(found.misstated, found.model),
         "instruments": reading_json(found.readings),
         "events": [event_json(event, several=many) for event in found.events],
         "recordings": list(found.recordings),
@@ -77,6 +79,11 @@ def setup_json(found: Sequence[WrongSetup]) -> list[dict[str, Any]]:
         {"problem": problem(item), "cure": cure_of(item, found), "map": map_lines(item), **item.to_json()}
         for item in found
     ]
+
+
+def misstated_json(found: Sequence[Misstated], model: str) -> list[dict[str, Any]]:
+    """Return bench parameters that a model file has far from their values as JSON objects."""
+    return [{**asdict(item), "sentence": misstated_sentence(item, model)} for item in found]
 
 
 def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
@@ -124,6 +131,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             for limit in found.limits
         ],
         "setup": setup_json(found.setup),
+        "misstated": misstated_json(found.misstated, found.model),
         "recordings": list(found.recordings),
         "model": found.model,
         "assumed": list(found.coverage.assumed),

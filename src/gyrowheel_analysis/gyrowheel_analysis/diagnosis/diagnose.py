@@ -10,7 +10,13 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from gyrowheel_analysis.criteria import CHI2_RANGE, RIVAL_LOSS, SETTLING_SEPARATION, USEFUL_SEPARATION
+from gyrowheel_analysis.criteria import (
+    CHI2_RANGE,
+    MISSTATED,
+    RIVAL_LOSS,
+    SETTLING_SEPARATION,
+    USEFUL_SEPARATION,
+)
 from gyrowheel_analysis.diagnosis.events import (
     as_events,
     by_attitude,
@@ -30,6 +36,7 @@ from gyrowheel_analysis.diagnosis.result import (
     Estimate,
     FreeForm,
     InstrumentFinding,
+    Misstated,
     NextTest,
     NuisanceEstimate,
     Proof,
@@ -105,17 +112,20 @@ def diagnose(
         except TooFewWindowsError as few:
             found = Diagnosis("insufficient_data", few.windows, (), "", coverage=few.coverage)
         else:
+            if wrong_values := misstated(model, first.problem):
+                found = Diagnosis("insufficient_data", first.windows, (), "", misstated=wrong_values)
+                return _named(found, paths, model, began)
             say("looking for missing effects")
             explanation = explained(first, recordings, progress)
             say("judging ties, limits and the next test")
             found = _judged(explanation, recordings, validate)
-    return replace(
-        found,
-        recordings=tuple(paths),
-        model=model.origin,
-        seconds=clock.monotonic() - began,
-        versions=_versions(),
-    )
+    return _named(found, paths, model, began)
+
+
+def _named(found: Diagnosis, paths: Sequence[str], model: Model, began: float) -> Diagnosis:
+    """Return a diagnosis with what it is of."""
+    seconds = clock.monotonic() - began
+    return replace(found, recordings=tuple(paths), model=model.origin, seconds=seconds, versions=_versions())
 
 
 def _judged(
@@ -393,6 +403,20 @@ def nuisance_estimates(problem: Problem, fit: Fit) -> dict[str, NuisanceEstimate
                 values[p.name], error * p.uncertainty, p.value, p.uncertainty, p.unit
             )
     return result
+
+
+def misstated(model: Model, problem: Problem) -> tuple[Misstated, ...]:
+    """Return the bench parameters that a model file has far from their stated values and those of the recordings."""
+    if not model.overrides:
+        return ()
+    found = nuisance_estimates(problem, problem.fit(()))
+    return tuple(
+        Misstated(name, own.value, n.value, n.standard_error, n.unit)
+        for name, own in model.overrides.items()
+        if (n := found.get(name)) is not None
+        and n.prior_uncertainty > 0.0
+        and min(abs(own.value - n.value), abs(own.value - n.prior_value)) > MISSTATED * n.prior_uncertainty
+    )
 
 
 def _versions() -> dict[str, str]:

@@ -292,6 +292,22 @@ class NuisanceEstimate:
 
 
 @dataclass(frozen=True)
+class Misstated:
+    """A bench parameter that a model file has far from the value that the recordings show."""
+
+    name: str
+    value: float  # in the model file [`unit`]
+    found: float  # by the recordings, with its standard error [`unit`]
+    standard_error: float
+    unit: str
+
+    @property
+    def far(self) -> float:
+        """Distance [standard errors]."""
+        return abs(self.value - self.found) / self.standard_error
+
+
+@dataclass(frozen=True)
 class DetectionLimit:
     """The smallest size of an effect that these recordings could have shown."""
 
@@ -547,6 +563,9 @@ class Diagnosis:
         Recordings in which hum at the stated mains frequency cannot be measured, and why (`hum.unobservable`).
     setup : tuple of WrongSetup
         Columns that cannot have their labelled quantity; the verdict is then ``insufficient_data`` without a diagnosis.
+    misstated : tuple of Misstated
+        Bench parameters that the model file has far from their values; the verdict is then ``insufficient_data``
+        without a diagnosis.
     proof : Proof or None
         Whether the findings predict data that were not fitted; None for ``insufficient_data``.
     beyond : tuple of Beyond
@@ -584,6 +603,7 @@ class Diagnosis:
     readings: tuple[ReadingFinding, ...] = ()
     hum_unknown: tuple[tuple[str, str], ...] = ()
     setup: tuple[WrongSetup, ...] = ()
+    misstated: tuple[Misstated, ...] = ()
     proof: Proof | None = None
     beyond: tuple[Beyond, ...] = ()
     lack_of_fit: float = 0.0

@@ -15,7 +15,7 @@ from gyrowheel.show.sentences.findings import (
     turned_sentences,
 )
 from gyrowheel.show.sentences.residuals import growth_sentence
-from gyrowheel.show.sentences.setup import problem
+from gyrowheel.show.sentences.setup import misstated_sentence, problem
 from gyrowheel_core.errors import with_article
 from gyrowheel_core.quantities import decimal, interval, listed, pair, quantity, with_error
 
@@ -157,6 +157,9 @@ def _verdict(found: Diagnosis) -> str:
     if found.setup:
         wrong = "; ".join(dict.fromkeys(problem(item).rstrip(".") for item in found.setup))
         return f"Nothing was diagnosed, the setup is wrong: {wrong}."
+    if found.misstated:
+        wrong = "; ".join(misstated_sentence(item, found.model) for item in found.misstated)
+        return f"Nothing was diagnosed, the model contradicts the recordings: {wrong}."
     if found.verdict == "insufficient_data":
         return f"These recordings do not show whether anything is missing: {_too_little(found)}."
     if found.verdict in (

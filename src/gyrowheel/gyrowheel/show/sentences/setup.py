@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gyrowheel.show.sentences.findings import every
-from gyrowheel_core.quantities import listed
+from gyrowheel_core.quantities import listed, quantity, with_error
 
 if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.result import Misstated
     from gyrowheel_recording.mislabelled import Fix, WrongSetup
 
 _SPIN = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")
@@ -39,6 +40,15 @@ _UNITS = {
     "psi": "in psi, not in Pa",
     "deg C": "in °C, not in K",
 }
+
+
+def misstated_sentence(found: Misstated, model: str) -> str:
+    """Return that a model file has another value of a bench parameter than the recordings show, and what to do."""
+    own, there = quantity(found.value, found.unit), with_error(found.found, found.standard_error, found.unit)
+    return (
+        f"{found.name} is {own} in the model, {there} from the recordings: {found.far:.3g} standard errors; take "
+        f"overrides.{found.name} out of {model}, or undo the change that set it"
+    )
 
 
 def problem(found: WrongSetup) -> str:
