@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
+from gyrowheel.show.sentences.findings import reading_sentence
+from gyrowheel_analysis.fitting.preparation import samples_of
+from gyrowheel_analysis.reduction.instrument_readings import look, reading_findings
+from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled import correct, corrected
 from gyrowheel_recording.mislabelled.blocks import NAMES
@@ -141,3 +145,19 @@ def test_a_diagnosis_names_the_instrument_before_anything_else(right: Recording,
     assert not found.events
     assert "tilt_x is new in every 2nd sample only" in str(found)
     assert "--every 2" in str(found)
+
+
+def test_a_held_thermometer_is_named_and_changes_no_verdict(right: Recording, bench: Bench) -> None:
+    def change(samples: np.ndarray) -> None:
+        samples["air_temperature"] = held(samples["air_temperature"], 20)
+
+    wrong = spoilt(right, change)
+    assert not wrong_setups([wrong], bench)
+    samples = samples_of(wrong)
+    (found,) = (
+        own
+        for own in reading_findings([look(samples, reduce(samples, bench), bench)], ["a"], bench).found
+        if own.quantity == "held"
+    )
+    assert (found.channel, found.value) == ("air_temperature", 20.0)
+    assert reading_sentence(found) == "The air temperature is new in every 20th sample only."

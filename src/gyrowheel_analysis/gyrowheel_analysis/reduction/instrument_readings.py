@@ -265,6 +265,7 @@ def reading_findings(shown: Sequence[Shown], names: Sequence[str], bench: Bench)
     clearest: dict[tuple[str, int, float], ReadingFinding] = {}
     for own, name in zip(shown, names, strict=True):
         every = (
+            _helds(own, name),
             _hums(own, name, bench),
             _steps(own, name, bench),
             _outliers(own, name),

@@ -128,7 +128,7 @@ def reading_sentence(found: ReadingFinding) -> str:
     if found.quantity == "frequency":
         return f"The mains has {value}; stated {stated}."
     if found.quantity == "held":
-        return f"The {name} is new in {every(found.value)} sample only."
+        return f"The {name.replace('_', ' ')} is new in {every(found.value)} sample only."
     if found.quantity == "resolution":
         if found.value == 0.0:
             return f"The {name} does not go in steps; stated {stated}."
