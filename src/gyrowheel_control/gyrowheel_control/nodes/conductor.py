@@ -67,6 +67,19 @@ JUMP_NS = 1_000_000_000
 TRACKING_LOST = "tracking_lost"
 
 
+def leap(step: int, passed: int) -> str:
+    """Return the named reason why the time went on by a `step` at once, `passed` after it was last told [ns].
+
+    A clock that is set leaps between two samples; where nothing came for as long as the step, nobody set it.
+    """
+    if passed < step // 2:
+        return "clock_jump: the time went"
+    return (
+        f"stood_still: no sample came for {passed * 1e-9:.1f} s, as the computer was too busy for a bench in real time "
+        "or the plant was stopped: the time went"
+    )
+
+
 @dataclass
 class Walk:
     """A plan in progress."""
@@ -148,6 +161,7 @@ class ConductorNode(BenchNode):
         self._lead_ns = round(self.parameter("lead") * 1e9)
         self._now = 0  # time of the bench [ns]
         self._time_known = False
+        self._advanced_ns = 0  # when it was told [ns, monotonic clock]
         self._standing = 0.0  # for how long the time of the bench has stood [s, wall clock]
         self._moved = True  # whether it has advanced since the last poll
         self._polled = time.monotonic()
@@ -479,8 +493,9 @@ class ConductorNode(BenchNode):
         """Advance to the time `now` [ns]."""
         walk, step, ahead = self._walk, now - self._now, now + self._lead_ns
         running = walk is not None and walk.start_ns is not None
+        before, self._advanced_ns = self._advanced_ns, time.monotonic_ns()
         if step < 0 or (step > JUMP_NS and running):
-            self._jump(now)
+            self._jump(now, self._advanced_ns - before)
         else:
             self._time_known = True
             if step:
@@ -499,10 +514,10 @@ class ConductorNode(BenchNode):
         if self._held is not None:
             self._stream.hold(self._held, ahead)
 
-    def _jump(self, now: int) -> None:
-        """End the plan in progress because the time has jumped to `now` [ns]."""
+    def _jump(self, now: int, passed: int) -> None:
+        """End the plan in progress because the time has jumped to `now` [ns], `passed` after it was last told."""
         back, walk = now < self._now, self._walk
-        then = f"from {self._now * 1e-9:.3f} s to {now * 1e-9:.3f} s"
+        before, then = self._now, f"from {self._now * 1e-9:.3f} s to {now * 1e-9:.3f} s"
         if not back and walk is not None:
             self._hold_here(walk)  # the setpoints that were published have passed
             self._stream.next = now - now % SETPOINT_PERIOD_NS
@@ -516,7 +531,7 @@ class ConductorNode(BenchNode):
         elif self._plant_stopped:
             self._finish(f"aborted: plant_stopped: the plant was not active, and the time went {then}")
         else:
-            self._finish(f"aborted: clock_jump: the time went {then}")
+            self._finish(f"aborted: {leap(now - before, passed)} {then}")
 
     def _continue(self, walk: Walk) -> None:
         """Publish the setpoints up to `lead` ahead of the clock, and report progress to the client."""
