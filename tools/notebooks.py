@@ -21,7 +21,15 @@ ROOT: Final = Path(__file__).resolve().parent.parent
 SCRIPTS: Final = ROOT / "examples"
 PAGES: Final = ROOT / "docs" / "notebooks"
 #: The notebooks, in the order of the gallery.
-GALLERY: Final = ("loop", "own_effect", "own_data", "raw_columns", "paper_figures", "cluster")
+GALLERY: Final = (
+    "loop",
+    "fit_parameters",
+    "own_effect",
+    "own_data",
+    "raw_columns",
+    "paper_figures",
+    "cluster",
+)
 _MADE: Final = "<!-- Made by `make notebooks` from examples/{name}.py; edit that. -->"
 _INDEX: Final = """\
 # Notebooks

@@ -8,17 +8,19 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from tools import notebooks
+from tools import notebooks, page_outputs
 
 #: Files that each script writes, and what it must say.
 OUTCOMES: dict[str, tuple[list[str], str]] = {
     "loop": ([], "aero_cross"),
+    "fit_parameters": ([], "bearing_viscous"),
     "own_effect": ([], "k = 0.00"),
     "own_data": (["bench3.csv"], "windage"),
     "raw_columns": (["check", "check.parquet"], "largest tilt"),
     "paper_figures": (["paper_tilt"], ""),
     "cluster": ([], "cases"),
 }
+LONG = ("loop", "fit_parameters", "own_effect", "cluster")
 
 
 def test_all_notebooks_are_in_the_gallery_and_run_here() -> None:
@@ -43,7 +45,7 @@ def test_page_has_the_cells_of_its_script(name: str) -> None:
     "name",
     [
         # a notebook of its own below; what `test_campaign` shows of a cluster
-        pytest.param(name, marks=[pytest.mark.study] if name in ("loop", "own_effect", "cluster") else [])
+        pytest.param(name, marks=[pytest.mark.study] if name in LONG else [])
         for name in OUTCOMES
     ],
 )
@@ -57,6 +59,9 @@ def test_script_runs(
     said = capsys.readouterr()
     assert words in said.out
     assert said.err == ""
+    page = (notebooks.PAGES / f"{name}.md").read_text(encoding="utf-8")
+    shown = "".join(step.shown for step in page_outputs.steps(page))
+    assert page_outputs.differences(shown, said.out) == [], "`python -m tools.page_outputs` renews it"
 
 
 @pytest.mark.study

@@ -46,6 +46,7 @@ class Fit(Result, facts.Estimation, Generic[ModelType]):
         A new model with the estimates, and an entry in its history.
     """
 
+    covariance: Matrix
     model: ModelType
 
     @property
