@@ -51,6 +51,7 @@ _CALLS = (
     "model fit wheel/drag --model new.yaml --free windage.w",
     "model show --model new.yaml",
     "model diff wheel/model.yaml new.yaml",
+    "model export --model new.yaml -o plant.py",
     "report wheel/drag --model wheel/model.yaml -o report.html",
     "model remove windage --model new.yaml",
     "model undo --model new.yaml",

@@ -1,8 +1,11 @@
-"""Several processes, or several models in one, that change the same model file: no change is lost."""
+"""Several processes, or several models in one, that change the same file: no change is lost, or it is said."""
 
+import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -53,3 +56,23 @@ def test_concurrent_changes_are_not_overwritten(
     assert model.read_text().endswith("# a remark\n")
     mine.save(tmp_path / "other.yaml")
     gw.Model.load(model).save(model)
+
+
+def test_a_recording_that_changes_during_a_comparison_is_named(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = tmp_path / "drag"
+    shutil.copytree(wheel.recording, recording)
+    gyrowheel.good("info", recording)
+    compare = gw.compare
+
+    def meanwhile(*arguments: Any, **named: Any) -> Any:
+        found = compare(*arguments, **named)
+        os.utime(recording / "drag_0.mcap")
+        return found
+
+    monkeypatch.setattr(gw, "compare", meanwhile)
+    said = gyrowheel.good("compare", recording, "--model", wheel.model).err
+    assert f"warning: {recording} was changed after it was read; the result is of what was read" in said
+    monkeypatch.undo()
+    assert "was changed" not in gyrowheel.good("compare", recording, "--model", wheel.model).err

@@ -158,6 +158,14 @@ def warn_of(setup: Sequence[Any]) -> None:
         notes().print(f"warning: {setup_line(setup)}", soft_wrap=True, highlight=False, style="yellow")
 
 
+def warn_of_changes(recordings: Sequence[Any]) -> None:
+    """Warn on stderr of recordings that were changed after they were read: the result is of what was read."""
+    for own in recordings:
+        if own.data.is_changed:
+            text = f"warning: {own.path} was changed after it was read; the result is of what was read"
+            notes().print(text, soft_wrap=True, highlight=False, style="yellow")
+
+
 def put(
     result: Shown,
     json: str | None,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from gyrowheel.cli.console import finding, put, warn_of, working
+from gyrowheel.cli.console import finding, put, warn_of, warn_of_changes, working
 from gyrowheel.cli.options import Json, Mixed, Picture, argument, option
 from gyrowheel_core.errors import InputError
 
@@ -75,6 +75,7 @@ def compare(
     with working("comparing") as say:
         result = gw.compare(recordings, loaded, mixed=mixed, progress=say)
     warn_of(result.setup)
+    warn_of_changes(recordings)
     page = None if over is None else comparison_page(result, [result.map(*own) for own in over])
     put(result, json, picture, page=page)
     finding(fail_above is not None and result.worst > fail_above)

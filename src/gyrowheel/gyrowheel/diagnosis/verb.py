@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, finding, put, working
+from gyrowheel.cli.console import BAD_INPUT, finding, put, warn_of_changes, working
 from gyrowheel.cli.options import (
     Averages,
     ErrorPicture,
@@ -45,6 +45,7 @@ def diagnose(
         result = gw.diagnose(
             recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
         )
+    warn_of_changes([*recordings, *unused])
     if result.setup or result.misstated:
         put(result, json)
         raise typer.Exit(BAD_INPUT)
