@@ -65,6 +65,7 @@ $(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements
 $(DONE)/packages: $(PACKAGE_FILES) $(DONE)/requirements | $(DONE)/msgs
 	$(call say,installing $(notdir $(PACKAGES)))
 	@$(PIP) install --no-deps --no-build-isolation $(addprefix --editable ,$(PACKAGES))
+	@$(BIN)/python -m tools.ros_setup
 	@touch $@
 
 demo: $(DONE)/packages ## find a hidden effect, from the running graph to the report (SEED=1 draws which)
