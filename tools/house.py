@@ -107,7 +107,7 @@ HOUSE = (
             ("simulation",),
             ("tables", "comparison", "rate_sensing", "calibration"),
             ("diagnosis", "torque_budget", "momentum_envelope", "drag_comparison"),
-            ("graph", "air_flow", "blind_tests"),
+            ("graph", "air_flow", "blind_tests", "batches"),
             ("investigation", "campaigns"),
             ("report",),
             ("demonstration", "paper_figures", "workbench"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import json
 import math
 import re
@@ -15,15 +16,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gyrowheel.batches import workers
 from gyrowheel.campaigns import hidden as hiding
-from gyrowheel.campaigns import workers
+from gyrowheel.campaigns.case import _move, run_case
 from gyrowheel.campaigns.cases import Campaign, Case, cases
 from gyrowheel.campaigns.hidden import LARGEST, Secret, Yardstick, hide, yardstick
 from gyrowheel.campaigns.judge import Interval, Judged, judge
 from gyrowheel.campaigns.page import campaign_page, campaign_report, case_line
 from gyrowheel.campaigns.reality import declared, outside_forms
 from gyrowheel.campaigns.summary import Rate, Summary, covered
-from gyrowheel.campaigns.workers import _move, run_case
 from gyrowheel.show.layout import show
 from gyrowheel_analysis.fitting.fit import ERRORS
 from gyrowheel_control.loops.controller import Gains
@@ -397,7 +398,7 @@ def test_the_report_has_the_numbers_of_the_json():
 def alone(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Judged]]:
     """Two cases done in this process, everything kept."""
     folder = tmp_path_factory.mktemp("campaign")
-    with workers.judged_cases(cases(CAMPAIGN, 2), jobs=1, keep=str(folder)) as results:
+    with workers.finished(functools.partial(run_case, str(folder)), cases(CAMPAIGN, 2), jobs=1) as results:
         return folder, list(results)
 
 
@@ -420,7 +421,7 @@ def test_a_kept_case_is_complete(alone: tuple[Path, list[Judged]]):
 @pytest.mark.slow
 @pytest.mark.study  # the cluster below changes nothing either, and the verb's own test runs processes
 def test_several_processes_give_the_same_cases(alone: tuple[Path, list[Judged]]):
-    with workers.judged_cases(cases(CAMPAIGN, 2), jobs=2) as results:
+    with workers.finished(functools.partial(run_case, None), cases(CAMPAIGN, 2), jobs=2) as results:
         assert timeless(list(results)) == timeless(alone[1])
 
 
@@ -431,7 +432,9 @@ def test_a_cluster_gives_the_same_cases(alone: tuple[Path, list[Judged]]):
     options = {"host": "127.0.0.1", "dashboard_address": None, "protocol": "tcp", "threads_per_worker": 1}
     with (
         distributed.LocalCluster(n_workers=1, **options) as cluster,
-        workers.judged_cases(cases(CAMPAIGN, 1), jobs=1, dask=cluster.scheduler_address) as results,
+        workers.finished(
+            functools.partial(run_case, None), cases(CAMPAIGN, 1), jobs=1, dask=cluster.scheduler_address
+        ) as results,
     ):
         assert timeless(list(results)) == timeless(alone[1][:1])
 
@@ -441,7 +444,9 @@ def test_a_missing_cluster_is_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(workers, "_CONNECT", 0.5)
     with (
         pytest.raises(InputError, match=r"dask: no scheduler answers at tcp://127\.0\.0\.1:9"),
-        workers.judged_cases(cases(CAMPAIGN, 2), jobs=1, dask="tcp://127.0.0.1:9"),
+        workers.finished(
+            functools.partial(run_case, None), cases(CAMPAIGN, 2), jobs=1, dask="tcp://127.0.0.1:9"
+        ),
     ):
         pass
 
@@ -450,8 +455,8 @@ def test_a_failed_diagnosis_is_a_wrong_case(monkeypatch: pytest.MonkeyPatch):
     def fail(*_: object) -> None:
         raise np.linalg.LinAlgError("singular matrix")
 
-    monkeypatch.setattr("gyrowheel.campaigns.workers.find", fail)
-    judged = run_case(case_of("none"))
+    monkeypatch.setattr("gyrowheel.campaigns.case.find", fail)
+    judged = run_case(None, case_of("none"))
     assert (judged.outcome, judged.error, judged.right) == ("failed", "LinAlgError: singular matrix", False)
 
 
@@ -461,10 +466,10 @@ def test_lack_of_memory_ends_the_campaign(tmp_path: Path, monkeypatch: pytest.Mo
     def fail(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("gyrowheel.campaigns.workers.record", lambda *_: None)
-    monkeypatch.setattr("gyrowheel.campaigns.workers.find", fail)
+    monkeypatch.setattr("gyrowheel.campaigns.case.record", lambda *_: None)
+    monkeypatch.setattr("gyrowheel.campaigns.case.find", fail)
     with pytest.raises(MemoryError):
-        run_case(case_of("none"), scratch=str(tmp_path))
+        run_case(None, case_of("none"), scratch=str(tmp_path))
     assert not list(tmp_path.iterdir())
 
 

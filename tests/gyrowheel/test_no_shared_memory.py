@@ -23,13 +23,13 @@ _COMMAND = """
             raise OSError({0}, os.strerror({0}))
 
     _multiprocessing.SemLock = Refused
-    from gyrowheel.campaigns import workers
+    from gyrowheel.campaigns import api
     from gyrowheel.campaigns.judge import Judged
 
-    def made_up(case, *_):
+    def made_up(keep, case, *_):
         return Judged(case.index, case.kind, {{}}, {{}}, True, "effect", [], [], "exact")
 
-    workers.run_case = made_up
+    api.run_case = made_up
     from gyrowheel.cli.app import main
     main()
 """
@@ -50,5 +50,5 @@ def test_a_campaign_without_semaphores(tmp_path: Path) -> None:
 
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert f"one case at a time: {why}\n" in done.stderr
+    assert f"one at a time: {why}\n" in done.stderr
     assert "Warning" not in done.stderr

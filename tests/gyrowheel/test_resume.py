@@ -22,7 +22,6 @@ import psutil
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.campaigns import workers
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.judge import EventJudged, Interval, Judged
 from gyrowheel_core.errors import InputError
@@ -32,7 +31,7 @@ from .helpers import DRAG_PLAN, OTHER_PLAN, Shell, write
 from .killing import until_done
 
 
-def made_up(case: Case, *_: object) -> Judged:
+def made_up(keep: object, case: Case, *_: object) -> Judged:
     """Return a case that nobody has run: what it says depends on its number alone."""
     rng = random.Random(case.index)
     sizes = {"windage": rng.choice([math.nan, rng.uniform(0.1, 9.0)])}
@@ -65,7 +64,7 @@ def test_a_killed_campaign_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     begun = tmp_path / "begun"
     here: list[int] = []  # what this process has begun
 
-    def slowly(case: Case, keep: str | None, scratch: str | None) -> Judged:
+    def slowly(keep: str | None, case: Case, scratch: str | None) -> Judged:
         if len(here) == 5:  # so that no process is quick enough to run them all
             time.sleep(600.0)
         here.append(case.index)
@@ -74,9 +73,9 @@ def test_a_killed_campaign_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         assert scratch is not None
         (Path(scratch) / f"{os.getpid()}").write_text("half a recording")
         time.sleep(0.01)
-        return made_up(case)
+        return made_up(None, case)
 
-    monkeypatch.setattr(workers, "run_case", slowly)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", slowly)
     folder, kills, known = tmp_path / "out", 0, set[str]()
     for _ in until_done(
         lambda: campaign(folder, resume=(folder / "settings.json").exists()),
@@ -97,7 +96,7 @@ def test_a_killed_campaign_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     once_more = campaign(folder, resume=True)
     assert len(begun.read_text().split()) <= 12 + kills
     assert sorted(path.name for path in folder.glob("[!.]*")) == [FINISHED, "settings.json"]
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     straight = campaign(None)
     assert repr(once_more.cases) == repr(straight.cases)
     assert json.dumps(once_more.to_dict()) == json.dumps(straight.to_dict())
@@ -105,7 +104,7 @@ def test_a_killed_campaign_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_damaged_and_foreign_cases_are_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     straight = campaign(tmp_path / "a", cases=5)
     campaign(tmp_path / "b", cases=5, seed=6)
     cases = sorted((tmp_path / "a" / FINISHED).iterdir())
@@ -115,11 +114,11 @@ def test_damaged_and_foreign_cases_are_run_again(tmp_path: Path, monkeypatch: py
     cases[3].write_text(cases[3].read_text().replace('"outcome"', '"income"'))
     ran: list[int] = []
 
-    def told(case: Case, *_: object) -> Judged:
+    def told(keep: object, case: Case, *_: object) -> Judged:
         ran.append(case.index)
-        return made_up(case)
+        return made_up(None, case)
 
-    monkeypatch.setattr(workers, "run_case", told)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", told)
     again = campaign(tmp_path / "a", cases=5, resume=True)
     assert ran == [0, 1, 2, 3]
     assert repr(again.cases) == repr(straight.cases)
@@ -141,7 +140,7 @@ def test_damaged_and_foreign_cases_are_run_again(tmp_path: Path, monkeypatch: py
 def test_other_settings_are_refused(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str
 ):
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     folder = tmp_path / "out"
     settings = ["--plan", "check", "--cases", 9, "--seed", 3, "--kinds", "none", "--jobs", 1]
     first = gyrowheel.good("campaign", *settings, "-o", folder)
@@ -157,7 +156,7 @@ def test_other_settings_are_refused(
 def test_resume_refuses_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     from gyrowheel.simulation import code_identity
 
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     campaign(tmp_path / "out")
     for name in ("numpy", "gyrowheel"):
         other = code_identity.code_identity() | {name: "1.2.3"}
@@ -185,7 +184,7 @@ def test_one_changed_line_changes_the_code_identity(tmp_path: Path, monkeypatch:
 def test_resume_refuses_a_folder_without_a_campaign(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     campaign(tmp_path / "out")
     for verb, folder, words in (
         ("campaign", "nowhere", "nowhere: there is no campaign to go on with"),
@@ -204,7 +203,7 @@ def test_resume_refuses_a_folder_without_a_campaign(
 def test_cases_that_another_campaign_kept_are_not_overwritten(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     (tmp_path / "kept" / "case-0003").mkdir(parents=True)
     with pytest.raises(InputError, match=r"keep: .*case-0003 exists, of another campaign; name a new folder"):
         campaign(None, keep=tmp_path / "kept")
@@ -212,7 +211,7 @@ def test_cases_that_another_campaign_kept_are_not_overwritten(
 
 
 def test_two_campaigns_in_one_folder_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     folder = tmp_path / "out"
 
     def second(done: Sequence[Judged], _: int) -> None:
@@ -226,7 +225,7 @@ def test_two_campaigns_in_one_folder_are_refused(tmp_path: Path, monkeypatch: py
 def test_two_campaigns_that_keep_cases_in_one_folder_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     kept = tmp_path / "kept"
 
     def second(done: Sequence[Judged], _: int) -> None:
@@ -249,14 +248,14 @@ def quick(case: Case) -> Judged:
 FAST = f"""
 import os, sys, time
 from pathlib import Path
-from gyrowheel.campaigns import workers
+from gyrowheel.batches import workers
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel_core.processes import end_with
 
 {inspect.getsource(quick)}
 
-def one(case, keep, scratch, campaign):
+def one(call, case, scratch, campaign):
     end_with(campaign)
     (Path(scratch) / str(case.index)).write_text("half a recording")
     while case.index >= int(Path("allowed").read_text()):
@@ -330,7 +329,7 @@ def test_ctrl_c_and_kills_end_the_workers_and_the_printed_command_resumes(
     assert not alive
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(workers, "run_case", lambda case, *_: quick(case))
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", lambda keep, case, *_: quick(case))
     shown = gyrowheel.good("campaign", "--resume", "out/campaign-1", "--jobs", 1, "--json", "out.json")
     assert "30 blind cases of plan drag, seed 0" in shown.out
     done = json.loads((tmp_path / "out.json").read_text())
@@ -343,24 +342,26 @@ def test_ctrl_c_and_kills_end_the_workers_and_the_printed_command_resumes(
 def test_finished_cases_survive_an_interruption(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    def interrupted(case: Case, *_: object) -> Judged:
+    def interrupted(keep: object, case: Case, *_: object) -> Judged:
         if case.index == 3:
             raise KeyboardInterrupt
-        return made_up(case)
+        return made_up(None, case)
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(workers, "run_case", interrupted)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", interrupted)
     result = gyrowheel("campaign", "--plan", "check", "--jobs", 1, "--cases", 9, "--json", "out.json")
     assert result.code == 130
     assert "interrupted: 3 of 9 cases were finished" in result.out
     assert json.loads((tmp_path / "out.json").read_text())["cases"] == 3
     assert "to go on: gyrowheel campaign --resume out/campaign-1 --jobs 1 --json out.json" in result.err
     # before the first case, and where the disk is full, there is nothing to report, but it can go on
-    monkeypatch.setattr(workers, "run_case", lambda *_: interrupted(replace_index(_[0], 3)))
+    monkeypatch.setattr(
+        "gyrowheel.campaigns.api.run_case", lambda *_: interrupted(None, replace_index(_[1], 3))
+    )
     result = gyrowheel("campaign", "--plan", "check", "--jobs", 1, "--cases", 9)
     assert (result.code, result.out) == (130, "")
     assert "to go on: gyrowheel campaign --resume out/campaign-2 --jobs 1" in result.err
-    monkeypatch.setattr(workers, "run_case", made_up)
+    monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     for number in (1, 2):
         gyrowheel.good(
             "campaign", "--resume", f"out/campaign-{number}", "--jobs", 1, "--json", f"{number}.json"

@@ -1,3 +1,5 @@
+from gyrowheel.batches.api import Batch as Batch
+from gyrowheel.batches.api import batch as batch
 from gyrowheel.blind_tests.api import Key as Key
 from gyrowheel.blind_tests.api import open_key as open_key
 from gyrowheel.calibration.api import Calibration as Calibration

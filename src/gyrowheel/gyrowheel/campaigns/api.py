@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,12 +13,13 @@ from typing import Any, cast
 from pydantic import TypeAdapter, ValidationError
 from rich.console import RenderableType
 
+from gyrowheel.batches.workers import check_jobs, cores, finished
+from gyrowheel.campaigns.case import kept_case, run_case
 from gyrowheel.campaigns.cases import Campaign, Case, CaseKind
 from gyrowheel.campaigns.cases import cases as all_cases
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel.campaigns.page import campaign_page, tally
 from gyrowheel.campaigns.summary import Summary
-from gyrowheel.campaigns.workers import check_jobs, cores, judged_cases, kept_case
 from gyrowheel.show.result import Result
 from gyrowheel.simulation.code_identity import code_identity
 from gyrowheel_control.plans.adaptation import plan_for
@@ -164,7 +166,8 @@ def campaign(
             left = [case for case in wanted if case.index not in known]
             if progress is not None:
                 progress(done, len(wanted))
-            with judged_cases(left, jobs=jobs, dask=dask, keep=kept, scratch=scratch) as results:
+            call = functools.partial(run_case, kept)
+            with finished(call, left, jobs=jobs, dask=dask, scratch=scratch) as results:
                 for case in results:
                     if kept_cases is not None:
                         kept_cases.finish(f"case-{case.index:04d}", asdict(case))

@@ -101,10 +101,10 @@ def campaign(
     happen. Ctrl-C ends the campaign and reports the finished cases; --resume
     continues with the others, also after a kill.
     """
+    from gyrowheel.batches.workers import one_at_a_time
     from gyrowheel.campaigns.api import campaign as run
     from gyrowheel.campaigns.api import settings_of
     from gyrowheel.campaigns.page import campaign_report, case_line
-    from gyrowheel.campaigns.workers import one_at_a_time
     from gyrowheel.show.files import write_text
 
     folder = place_of(output, resume, "campaign")

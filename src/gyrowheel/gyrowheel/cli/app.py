@@ -14,6 +14,7 @@ import typer
 
 from gyrowheel import __version__
 from gyrowheel.air_flow import verb as air_flow
+from gyrowheel.batches import verb as batches
 from gyrowheel.blind_tests import verb as blind_tests
 from gyrowheel.calibration import verb as calibration
 from gyrowheel.campaigns import verb as campaigns
@@ -77,6 +78,7 @@ _VERBS: dict[str, tuple[tuple[Callable[..., None] | typer.Typer, str], ...]] = {
         (comparison.compare, "compare runs/monday --model wheel.yaml --map speed,azimuth"),
         (diagnosis.diagnose, "diagnose runs/monday --model wheel.yaml"),
         (models.model_app, "model show --model wheel.yaml"),
+        (batches.batch, "batch runs --model wheel.yaml -o results.parquet"),
         (investigation.investigate, "investigate --model wheel.yaml --blind key.json --budget 10"),
         (workbench.workbench, "workbench runs --model wheel.yaml"),
         (report.report, "report runs/monday --model wheel.yaml -o monday.html"),

@@ -1,0 +1,1 @@
+"""Many recordings, each diagnosed alone: a row of a table for each."""

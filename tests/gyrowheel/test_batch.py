@@ -1,0 +1,116 @@
+"""Many recordings, a row of a table for each: found below folders, resumed, failures as rows."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import gyrowheel as gw
+from gyrowheel.batches import api
+
+from .conftest import Wheel
+from .helpers import Shell
+
+
+@pytest.fixture(scope="module")
+def runs(wheel: Wheel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a recording in a subfolder, one file of it alone, and one that is damaged."""
+    folder = tmp_path_factory.mktemp("batch")
+    shutil.copytree(wheel.recording, folder / "monday" / "first")
+    (file,) = Path(wheel.recording).glob("*.mcap")
+    shutil.copy(file, folder / "alone.mcap")
+    (folder / "bad").mkdir()
+    (folder / "bad" / "metadata.yaml").write_text("nothing")
+    (folder / "notes.txt").write_text("no recording")
+    return folder
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_every_recording_is_a_row_and_done_once(
+    runs: Path, wheel: Wheel, ending: str, tmp_path: Path, gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = tmp_path / f"results.{ending}"
+    options = ("batch", runs, "--model", wheel.model, "-o", table, "--jobs", "1")
+    shown = gyrowheel.good(*options)
+    assert "windage" in shown.out
+    assert "failed " in shown.out
+    rows = {row["recording"]: row for row in api.read_rows(table)}
+    assert set(rows) == {str(runs / name) for name in ("monday/first", "alone.mcap", "bad")}
+    good, bad = rows[str(runs / "monday/first")], rows[str(runs / "bad")]
+    assert (good["verdict"], good["effects"], good["error"]) == ("effect", "windage", "")
+    found = gw.diagnose(wheel.recording, gw.Model.load(wheel.model)).effects[0]
+    assert good["windage.w"] == pytest.approx(found.coefficients["w"].value)
+    assert good["windage.w.error"] > 0.0
+    assert bad["verdict"] == "failed"
+    assert "metadata.yaml" in bad["error"]
+    assert "windage.w" not in bad
+
+    def again(*_: object) -> dict[str, Any]:
+        raise AssertionError("diagnosed again")
+
+    monkeypatch.setattr(api, "diagnosed", again)
+    assert "3 of 3 were in" in gyrowheel.good(*options).err
+    assert {row["recording"]: row for row in api.read_rows(table)} == rows
+
+
+def test_a_changed_recording_or_model_is_diagnosed_again_and_an_interruption_keeps_the_rows(
+    runs: Path, wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, table = gw.Model.load(wheel.model), tmp_path / "results.parquet"
+    calls: list[str] = []
+
+    def made_up(_: object, item: tuple[str, str], scratch: str | None = None) -> dict[str, Any]:
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        calls.append(item[0])
+        return dict.fromkeys(api.COLUMNS) | {
+            "recording": item[0],
+            "key": item[1],
+            "verdict": "unknown",
+            "error": "",
+        }
+
+    monkeypatch.setattr(api, "diagnosed", made_up)
+    found = gw.batch(runs, model, table, jobs=1)
+    assert found.interrupted
+    assert len(api.read_rows(table)) == 2
+    calls.clear()
+    assert len(gw.batch(runs, model, table, jobs=1).rows) == 3
+    assert len(calls) == 1
+    (runs / "bad" / "metadata.yaml").write_text("something else")
+    calls.clear()
+    gw.batch(runs, model, table, jobs=1)
+    assert calls == [str(runs / "bad")]
+    calls.clear()
+    other = gw.batch(
+        runs / "monday", model.remove("windage") if model.effects else gw.Model("dtg"), table, jobs=1
+    )
+    assert calls == [str(runs / "monday/first")]
+    # rows of recordings elsewhere stay
+    assert len(other.rows) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("nowhere", "-o", "r.parquet"), "nowhere: no such folder"),
+        ((".", "-o", "r.txt"), "r.txt: must end in .parquet or .csv"),
+        ((".", "-o", "r.parquet"), ".: no recording in it; allowed: folders with metadata.yaml, .mcap, .db3"),
+        ((".", "-o", "r.parquet", "--jobs", "0"), "jobs: 0 is out of range; allowed: >= 1"),
+    ],
+)
+def test_bad_input_is_one_line(
+    words: tuple[str, ...],
+    message: str,
+    wheel: Wheel,
+    gyrowheel: Shell,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused = gyrowheel("batch", *words, "--model", wheel.model)
+    assert (refused.code, refused.err) == (2, f"error: {message}\n")
+    assert not list(tmp_path.iterdir())
