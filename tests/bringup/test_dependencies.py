@@ -27,12 +27,23 @@ WITH_KEY = {
 #: Without a key, or with one that calls pip, which Ubuntu 24.04 refuses outside of a virtual environment.
 BY_PIP = {"dask": "distributed", "foxglove": "foxglove-sdk"} | {
     name: name
-    for name in ("bokeh", "isal", "lz4", "pandas", "pint", "pyarrow", "rosbags", "threadpoolctl", "zstandard")
+    for name in (
+        "bokeh",
+        "isal",
+        "lz4",
+        "pandas",
+        "pint",
+        "pyarrow",
+        "pythonfmu",
+        "rosbags",
+        "threadpoolctl",
+        "zstandard",
+    )
 }
 #: Packages of ROS that are no modules: started by name, or tools of a launch file.
 STARTED = {"gyrowheel_bringup": {"robot_state_publisher", "ros2launch", "rviz2"}}
 #: What a package asks for where it is wanted, by name or for a package below it: ``pip install gyrowheel[foxglove]``.
-EXTRA_NAMES = {"gyrowheel": {"foxglove-sdk"}, "gyrowheel_recording": {"asammdf", "npTDMS"}}
+EXTRA_NAMES = {"gyrowheel": {"foxglove-sdk", "pythonfmu"}, "gyrowheel_recording": {"asammdf", "npTDMS"}}
 #: What PyPI calls a module, where that is another name.
 PYPI = {
     "yaml": "PyYAML",
