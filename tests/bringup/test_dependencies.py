@@ -137,7 +137,7 @@ def test_the_page_installs_by_pip_what_rosdep_does_not() -> None:
         for key, version in depends(package).items()
         if version
     }
-    optional = {"distributed", "pandas"}
+    optional = {"distributed", "pandas", "pythonfmu"}
     assert names - {"numpy"} == (set(BY_PIP.values()) - optional) | too_old
 
 
