@@ -65,7 +65,7 @@ NOTEBOOKS: Final = tuple(f"docs/notebooks/{name}.md" for name in notebooks.GALLE
 #: What differs from run to run and from computer to computer.
 _VOLATILE: Final = re.compile(
     r"in \d[\d.]* s, \d[\d.]* times real time|\d{4}-\d\d-\d\d[T ][\d:.]+|/tmp/\S+|\d[\d.]* MB"
-    r"|\d[\d.]*e-1[4-9]"  # rounding
+    r"|takes \d[\d.]* s \(median\)|\d[\d.]*e-1[4-9]"  # the last: rounding
 )
 _ENVIRONMENT: Final = {"COLUMNS": "80", "NO_COLOR": "1"}
 _KEPT: Final = ROOT / "build" / "page_outputs"
