@@ -189,19 +189,19 @@ def _likely(column: Column, own: str, what: Meaning) -> float:
         # one that is clearly called so, and is disordered, is questioned (`order`)
         return -1.0 if what.fields[own] > 2 and not column.clock else -4.0
     if own == SEQUENCE:
-        return (
-            1.0
-            if rising
-            and bool(np.all(values[:SOME] == np.round(values[:SOME])))
-            and bool(np.all(steps >= 1.0))
-            and float(np.median(steps)) == 1.0  # others count something else than the rows
-            else -9.0
-        )
+        return 1.0 if rising and _counts_rows(values[:SOME]) else -9.0
     if own in ("spin_rate", "spin_angle") and has_levels(column):
         return -9.0  # pulses of it
     if own == "spin_angle":
         return 0.5 if len(steps) and np.median(np.abs(steps)) > 0.0 else -1.0
     return -0.5 if rising and own not in ("coil_temperature", "air_temperature") else 0.0
+
+
+def _counts_rows(values: NDArray[Any]) -> bool:
+    """Whether values are whole and ascend, mostly by one; others count something else than the rows."""
+    steps = np.diff(values)
+    whole = bool(np.all(values == np.round(values)))
+    return whole and bool(np.all(steps >= 1.0)) and float(np.median(steps)) == 1.0
 
 
 def _moves(steps: NDArray[Any]) -> bool:

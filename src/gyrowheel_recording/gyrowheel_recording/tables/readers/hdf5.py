@@ -218,57 +218,86 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read data sets that are vectors, matrices or records (see `formats.read_grid`)."""
     import h5py  # takes a while, as the other readers' libraries do
 
-    columns: list[Column] = []
-    objects: dict[str, str] = {}
-    remarks: list[str] = []
-    steps: dict[str, tuple[float, range]] = {}
-    size = 0.0
     with library_errors(path), h5py.File(path, "r") as file, Texts(path, file) as texts:
-        attributes = _Attributes(texts)
-        joint = "." if _is_matlab(path) else "/"
+        found = _Found(path, names, _Attributes(texts))
         for name, node in _data_sets(file, path):
-            own = name.replace("/", joint)
-            if node.shape is None or node.ndim > 2:
+            found.add(name, node)
+    return found.grid()
+
+
+class _Found:
+    """The columns of the data sets of a file, as far as they were read."""
+
+    def __init__(self, path: Path, names: Sequence[str] | None, attributes: _Attributes) -> None:
+        self._path, self._names, self._attributes = path, names, attributes
+        self._joint = "." if _is_matlab(path) else "/"
+        self._columns: list[Column] = []
+        self._objects: dict[str, str] = {}
+        self._remarks: list[str] = []
+        self._steps: dict[str, tuple[float, range]] = {}
+        self._size = 0.0
+
+    def add(self, name: str, node: Any) -> None:
+        """Add the columns of a data set, if it has numbers and is wanted."""
+        own = name.replace("/", self._joint)
+        if node.shape is None or node.ndim > 2 or not self._has_numbers(own, node):
+            return
+        place = own.rpartition(self._joint)[0] if self._attributes.is_frame(node) else own
+        names = self._names
+        if names is not None and not any(n == own or n.startswith(place + self._joint) for n in names):
+            return
+        try:
+            fields = _fields(node.dtype)
+        except TypeError as error:  # a type that NumPy does not know
+            if names is not None:
+                raise
+            self._remarks.append(f"{own} is left out: {short_message(error)}")
+            return
+        if fields is None or node.size < 2 or self._attributes.numbers(node, "MATLAB_empty") == [1.0]:
+            return
+        require_plain(node, self._path, own)
+        self._size += float(node.size) * max(len(fields), node.dtype.itemsize / 8.0, 1.0)
+        require_table(self._size, str(self._path))
+        values = _physical(node, fields, self._attributes)
+        turned = self._joint == "." and values.ndim == 2
+        several = split(own, values.T if turned else values, joint=self._joint)
+        head = f"{place}{self._joint}"
+        self._columns.extend(_described(several, node, head, self._attributes, self._remarks))
+        if len(several) > 1 and (step := self._attributes.step(node)):
+            last = len(self._columns)
+            self._steps[f"{own}{self._joint}time"] = step, range(last - len(several), last)
+
+    def _has_numbers(self, own: str, node: Any) -> bool:
+        """Whether a data set is none of MATLAB's objects and texts."""
+        kind = "".join(_text(value) for value in self._attributes.of(node, "MATLAB_class")[:1])
+        if not kind or kind in _NUMBERS:
+            return True
+        if kind not in _TEXTS:
+            self._objects[own] = kind
+        return False
+
+    def grid(self) -> Grid:
+        """Return the wanted columns with their clocks."""
+        names = self._names
+        self._add_clocks()
+        wanted = {own.name for own in self._columns if names is None or own.name in names}
+        wanted |= {own.clock for own in self._columns if own.name in wanted}
+        found = [own for own in self._columns if own.name in wanted]
+        said_of = object_remarks(self._objects, self._path, found, all_read=names is None)
+        return Grid.of(str(self._path), found, [*said_of, *self._remarks])
+
+    def _add_clocks(self) -> None:
+        """Add the times of matrices whose rate or step is stated, unless the file has times."""
+        for clock, (step, several) in self._steps.items():
+            rows = len(self._columns[several[0]].values)
+            if self._names is not None and clock not in self._names:
                 continue
-            kind = "".join(_text(value) for value in attributes.of(node, "MATLAB_class")[:1])
-            if kind and kind not in _NUMBERS:
-                if kind not in _TEXTS:
-                    objects[own] = kind
-                continue
-            place = own.rpartition(joint)[0] if attributes.is_frame(node) else own
-            if names is not None and not any(n == own or n.startswith(place + joint) for n in names):
-                continue
-            try:
-                fields = _fields(node.dtype)
-            except TypeError as error:  # a type that NumPy does not know
-                if names is not None:
-                    raise
-                remarks.append(f"{own} is left out: {short_message(error)}")
-                continue
-            if fields is None or node.size < 2 or attributes.numbers(node, "MATLAB_empty") == [1.0]:
-                continue
-            require_plain(node, path, own)
-            size += float(node.size) * max(len(fields), node.dtype.itemsize / 8.0, 1.0)
-            require_table(size, str(path))
-            values = _physical(node, fields, attributes)
-            several = split(own, values.T if joint == "." and values.ndim == 2 else values, joint=joint)
-            columns.extend(_described(several, node, f"{place}{joint}", attributes, remarks))
-            if len(several) > 1 and (step := attributes.step(node)):
-                steps[f"{own}{joint}time"] = step, range(len(columns) - len(several), len(columns))
-    for clock, (step, several_of_it) in steps.items():
-        rows = len(columns[several_of_it[0]].values)
-        if names is not None and clock not in names:
-            continue
-        if names is None and any(_ascends(own.values) for own in columns if len(own.values) == rows):
-            continue  # the file has the times themselves
-        columns.append(Column(clock, step * np.arange(rows), "s", clock))
-        for k in several_of_it:
-            columns[k] = replace(columns[k], clock=clock)
-    wanted = {own.name for own in columns if names is None or own.name in names}
-    wanted |= {own.clock for own in columns if own.name in wanted}
-    found = [own for own in columns if own.name in wanted]
-    said_of = object_remarks(objects, path, found, all_read=names is None)
-    return Grid.of(str(path), found, [*said_of, *remarks])
+            same = (own.values for own in self._columns if len(own.values) == rows)
+            if self._names is None and any(map(_ascends, same)):
+                continue  # the file has the times themselves
+            self._columns.append(Column(clock, step * np.arange(rows), "s", clock))
+            for k in several:
+                self._columns[k] = replace(self._columns[k], clock=clock)
 
 
 #: Attributes of a matrix with the names of its columns; of it, its group or its file with the rate or the step.

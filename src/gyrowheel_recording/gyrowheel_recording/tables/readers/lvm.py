@@ -57,52 +57,73 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     lines = lines_of(text)
     if not any(line.startswith(_END) for line in lines):
         raise InputError(f"{path}: damaged: its head has no end, a line {_END}")
-    head, begin = _head(
-        lines, 0, "\t" if b"\t" in data[: data.find(b"\n")] or b"Separator\tTab" in data else ","
-    )
+    tabs = b"\t" in data[: data.find(b"\n")] or b"Separator\tTab" in data
+    head, begin = _head(lines, 0, "\t" if tabs else ",")
     delimiter = "," if head.get("Separator", ["", "Tab"])[1:2] == ["Comma"] else "\t"
     decimal = (head.get("Decimal_Separator", [])[1:2] or ["."])[0] or "."
-    values: dict[tuple[int, str], list[Array]] = {}
-    times: dict[tuple[int, str], list[Array]] = {}
-    units: dict[tuple[int, str], str] = {}
-    remarks: list[str] = []
-    start: Any = None
+    channels = _Channels(str(path), head, delimiter, decimal)
     for segment in _segments(lines, begin, delimiter):
-        form = TextForm(
-            delimiter, decimal, names=tuple(f"{k}" for k in range(len(segment.names))), named=False
-        )
-        grid = rows_of("\n".join(_padded(segment, delimiter)).encode() + b"\n", form, str(path))
-        cells = {int(name): column.values for name, column in grid.columns.items() if column.numeric}
+        channels.add(segment)
+    return channels.grid(names)
+
+
+class _Channels:
+    """The channels of a file, segment by segment, by the number and the name of their column."""
+
+    def __init__(self, path: str, head: Mapping[str, Sequence[str]], delimiter: str, decimal: str) -> None:
+        self._path, self._head, self._delimiter, self._decimal = path, head, delimiter, decimal
+        self._values: dict[tuple[int, str], list[Array]] = {}
+        self._times: dict[tuple[int, str], list[Array]] = {}
+        self._units: dict[tuple[int, str], str] = {}
+        self._remarks: list[str] = []
+        self._start: Any = None
+
+    def add(self, segment: _Segment) -> None:
+        """Add the rows of a segment."""
+        width = tuple(f"{k}" for k in range(len(segment.names)))
+        form = TextForm(self._delimiter, self._decimal, names=width, named=False)
+        rows = "\n".join(_padded(segment, self._delimiter)).encode() + b"\n"
+        columns = rows_of(rows, form, self._path).columns
+        cells = {int(name): column.values for name, column in columns.items() if column.numeric}
         for k, name in enumerate(segment.names):
             if name in (_X, _COMMENT) or k not in cells or not np.isfinite(cells[k]).any():
                 continue
             dimension = segment.of("X_Dimension", k)
-            if dimension not in ("", "Time"):
-                remarks.append(f"{name} is over {dimension}, not over time: left out")
-                continue
-            count = segment.number_of("Samples", k, decimal)
-            own = np.asarray(cells[k], dtype=np.float64)[: int(count) if count > 0 else None]
-            begun = _date(segment, k) or _date_of(head)
-            start = begun if start is None else start
-            late = float((begun - start) / np.timedelta64(1, "ns")) * 1e-9 if begun and start else 0.0
-            own_times = _times(segment, k, cells, len(own), decimal)
-            if own_times is not None:
-                times.setdefault((k, name), []).append(own_times + late)
-            values.setdefault((k, name), []).append(own)
-            units.setdefault((k, name), segment.of("Y_Unit_Label", k))
-    columns: list[Column] = []
-    clocks: dict[bytes, str] = {}
-    for (k, name), parts in values.items():
-        clock = ""
-        if len(times.get((k, name), [])) == len(parts):
-            own = np.concatenate(times[k, name])
-            clock = clocks.setdefault(own.tobytes(), _X if not clocks else f"{_X} {name}")
-            if all(column.name != clock for column in columns):
-                columns.append(Column(clock, own, "s", clock))
-        columns.append(Column(name, np.concatenate(parts), units[k, name], clock))
-    wanted = {own.name for own in columns if names is None or own.name in names}
-    wanted |= {own.clock for own in columns if own.name in wanted}
-    return Grid.of(str(path), [own for own in columns if own.name in wanted], remarks)
+            if dimension in ("", "Time"):
+                self._add(segment, k, cells)
+            else:
+                self._remarks.append(f"{name} is over {dimension}, not over time: left out")
+
+    def _add(self, segment: _Segment, k: int, cells: Mapping[int, Any]) -> None:
+        """Add the values of a column of a segment, and their times where these are known."""
+        key = k, segment.names[k]
+        count = segment.number_of("Samples", k, self._decimal)
+        own = np.asarray(cells[k], dtype=np.float64)[: int(count) if count > 0 else None]
+        begun = _date(segment, k) or _date_of(self._head)
+        self._start = begun if self._start is None else self._start
+        known = begun and self._start
+        late = float((begun - self._start) / np.timedelta64(1, "ns")) * 1e-9 if known else 0.0
+        times = _times(segment, k, cells, len(own), self._decimal)
+        if times is not None:
+            self._times.setdefault(key, []).append(times + late)
+        self._values.setdefault(key, []).append(own)
+        self._units.setdefault(key, segment.of("Y_Unit_Label", k))
+
+    def grid(self, names: Sequence[str] | None) -> Grid:
+        """Return the wanted channels with their times."""
+        columns: list[Column] = []
+        clocks: dict[bytes, str] = {}
+        for key, parts in self._values.items():
+            clock, name = "", key[1]
+            if len(self._times.get(key, [])) == len(parts):
+                own = np.concatenate(self._times[key])
+                clock = clocks.setdefault(own.tobytes(), _X if not clocks else f"{_X} {name}")
+                if all(column.name != clock for column in columns):
+                    columns.append(Column(clock, own, "s", clock))
+            columns.append(Column(name, np.concatenate(parts), self._units[key], clock))
+        wanted = {own.name for own in columns if names is None or own.name in names}
+        wanted |= {own.clock for own in columns if own.name in wanted}
+        return Grid.of(self._path, [own for own in columns if own.name in wanted], self._remarks)
 
 
 def _head(lines: Sequence[str], begin: int, delimiter: str) -> tuple[dict[str, list[str]], int]:

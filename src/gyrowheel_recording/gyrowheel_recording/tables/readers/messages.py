@@ -106,23 +106,7 @@ def columns_of(
 
     Topics with equal stamps share one clock. Raises InputError if a column that is wanted is of several frames.
     """
-    parts: dict[str, TopicColumns] = {}
-    for topic, frames in topics.items():
-        every = sum(own.count for own in frames.values())
-        several = [frame for frame, own in frames.items() if own.count > max(_FEW * every, 1)]
-        if names is None and not any(own.parts for own in frames.values()):
-            several = []
-        if len(several) > 1 and names is not None and any(name.startswith(f"{topic}.") for name in names):
-            allowed = ", ".join(f"{topic}@{frame}" for frame in several)
-            raise InputError(f"{topic}: its messages are of {len(several)} frames; allowed: {allowed}")
-        if len(several) > 1:
-            parts |= {f"{topic}@{frame}": frames[frame] for frame in several}
-        elif frames:
-            parts[topic] = max(frames.values(), key=lambda own: (bool(own.parts), own.count))
-        if names is None:
-            told = {place: why for own in frames.values() for place, why in own.unread.items()}
-            remarks += [f"{topic}{place} is left out: {why}" for place, why in told.items()]
-    parts = {name: own for name, own in parts.items() if own.count and (names is not None or own.parts)}
+    parts = _parts(topics, names, remarks)
     times, kept = _times(parts, remarks if names is None else [])
     begin = min((int(own[kept[name]].min()) for name, own in times.items()), default=0)
     columns: list[Column] = []
@@ -140,6 +124,29 @@ def columns_of(
             for place, values in parts[name].values.items()
         ]
     return columns
+
+
+def _parts(
+    topics: Mapping[str, Mapping[str, TopicColumns]], names: Sequence[str] | None, remarks: list[str]
+) -> dict[str, TopicColumns]:
+    """Return the messages of every topic, of one that has several frames by frame, by names of columns."""
+    parts: dict[str, TopicColumns] = {}
+    for topic, frames in topics.items():
+        every = sum(own.count for own in frames.values())
+        several = [frame for frame, own in frames.items() if own.count > max(_FEW * every, 1)]
+        if names is None and not any(own.parts for own in frames.values()):
+            several = []
+        if len(several) > 1 and names is not None and any(name.startswith(f"{topic}.") for name in names):
+            allowed = ", ".join(f"{topic}@{frame}" for frame in several)
+            raise InputError(f"{topic}: its messages are of {len(several)} frames; allowed: {allowed}")
+        if len(several) > 1:
+            parts |= {f"{topic}@{frame}": frames[frame] for frame in several}
+        elif frames:
+            parts[topic] = max(frames.values(), key=lambda own: (bool(own.parts), own.count))
+        if names is None:
+            told = {place: why for own in frames.values() for place, why in own.unread.items()}
+            remarks += [f"{topic}{place} is left out: {why}" for place, why in told.items()]
+    return {name: own for name, own in parts.items() if own.count and (names is not None or own.parts)}
 
 
 def _times(parts: Mapping[str, TopicColumns], remarks: list[str]) -> tuple[dict[str, Any], dict[str, Any]]:
