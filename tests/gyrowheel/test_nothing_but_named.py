@@ -65,6 +65,7 @@ _CALLS = (
     "bench",
     "air --tilt 5 --speed 3500",
     "key key.json --against wheel/model.yaml",
+    "batch wheel --model wheel/model.yaml --jobs 1 -o rows.csv",
     "campaign --cases 1 --plan drag.yaml --jobs 1 -o campaign",
     "run",
 )

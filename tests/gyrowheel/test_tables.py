@@ -16,6 +16,7 @@ from rich.table import Table
 
 import gyrowheel
 from gyrowheel.air_flow.page import mesh_page, result_page, sweep_page, table_page
+from gyrowheel.batches.page import batch_page
 from gyrowheel.blind_tests.page import truth_table
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel.campaigns.page import campaign_page
@@ -103,6 +104,12 @@ PAGES: dict[str, Page] = {
     "diagnose": lambda: [part for found in (TWO, AMBIGUOUS, UNKNOWN) for part in diagnosis_page(found)],
     "investigate": lambda: INVESTIGATION.page(),
     "campaign": lambda: campaign_page(CAMPAIGN),
+    "batch": lambda: batch_page(
+        [
+            {"recording": "runs/monday", "verdict": "effect", "effects": "windage, aero_cross", "error": ""},
+            {"recording": "runs/tuesday", "verdict": "failed", "effects": None, "error": "runs/tuesday: damaged"},
+        ]
+    ),
     "cfd mesh": lambda: mesh_page(torque_table().rows[0].case, MESH, "out/mesh"),
     "cfd run": lambda: result_page(torque_table().rows[3], "out/case"),
     "cfd sweep": lambda: sweep_page(SimpleNamespace(results=[1], reused=0, failed={}), "out"),  # type: ignore[arg-type]
@@ -143,8 +150,8 @@ COMMANDS: dict[str, list[str]] = {
     "model undo": ["model add windage --model MODEL --fit RUN", "model undo --model MODEL"],
     "model diff": ["model add windage --model MODEL --fit RUN", "model diff OLD MODEL"],
 }
-#: Verbs that print no table: `live` and `workbench` run on, `report` and `cfd pictures` write files.
-NO_PAGE = {"live", "workbench", "report", "cfd pictures"}
+#: Verbs that print no table: `live` and `workbench` run on, `report`, `cfd pictures` and `model export` write files.
+NO_PAGE = {"live", "workbench", "report", "cfd pictures", "model export"}
 NO_TABLE = {"correct", "simulate", "import", "export", "run", "model new", "cfd sweep", "model remove"}
 
 
