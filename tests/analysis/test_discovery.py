@@ -297,7 +297,7 @@ def test_the_json_keeps_its_contract(tmp_path: Path) -> None:
     }  # fmt: skip
     (effect,) = content["effects"]
     assert set(effect) >= {"name", "coefficients", "delta_chi2", "formula", "ties"}
-    assert set(effect["coefficients"]["w"]) == {"value", "standard_error", "unit"}
+    assert set(effect["coefficients"]["w"]) == {"value", "standard_error", "unit", "parts", "interval"}
     assert set(next(iter(content["nuisance"].values()))) == {
         "value", "standard_error", "prior_value", "prior_uncertainty",
     }  # fmt: skip

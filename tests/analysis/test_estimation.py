@@ -60,10 +60,13 @@ def test_estimates_and_intervals_are_those_of_iminuit(fit: Fit[gw.Model]) -> Non
     # in standard errors
     assert np.asarray(minuit.values) == pytest.approx(fit.values / size, abs=1e-4)
     assert minuit.fval == pytest.approx(fit.chi2, abs=1e-6)
-    # the second derivatives of iminuit are good to a part in a thousand
-    assert np.asarray(minuit.covariance) == pytest.approx(
-        fit.covariance.values / np.outer(size, size), abs=2e-3
-    )
+    # HESSE takes differences of the cost alone: it is accurate where the unknowns are not correlated
+    root = np.linalg.cholesky(fit.covariance.values)
+    apart = Minuit(lambda x: cost(fit.values + root @ np.asarray(x)), np.zeros(len(size)))
+    apart.errordef, apart.strategy, apart.tol = Minuit.LEAST_SQUARES, 2, 1e-9
+    apart.migrad()
+    apart.hesse()
+    assert np.asarray(apart.covariance) == pytest.approx(np.eye(len(size)), abs=2e-3)
     for k, (name, ends) in enumerate(fit.conf_interval(*fit.names).items()):
         errors = minuit.merrors[name]
         assert np.array(ends) / size[k] == pytest.approx(
@@ -99,7 +102,8 @@ def test_linear_problem_has_the_covariance_of_scipy(model: gw.Model, recording: 
         lambda _, w: -cost.white(np.array([w])), np.arange(count), np.zeros(count), [1.1 * fit.values[0]],
         absolute_sigma=True, xtol=1e-12, ftol=1e-12,
     )  # fmt: skip
-    assert found[0] == pytest.approx(fit.values[0], rel=1e-6)
+    # in standard errors, as above
+    assert found[0] == pytest.approx(fit.values[0], abs=1e-4 * fit.errors["windage.w"])
     assert covariance[0, 0] == pytest.approx(fit.covariance["windage.w", "windage.w"], rel=1e-5)
 
 

@@ -26,7 +26,7 @@ from gyrowheel_analysis.fitting.events import QUANTITIES, Kind, unit_rows
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.noise import scale_cost
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.variance import DriftCovariance
+from gyrowheel_analysis.fitting.variance import DriftCovariance, precision_root
 from gyrowheel_analysis.reduction.windows import SAME_SPEED
 
 Array = NDArray[np.float64]
@@ -288,7 +288,7 @@ class _State:
             at += len(block.covariance)
         white = np.concatenate(parts) / noise_factor[:, None]
         design, target = white[:, :-1], white[:, -1]
-        root = np.linalg.cholesky(design.T @ design + np.eye(design.shape[1]))
+        root = precision_root(design)
         projection = solve_triangular(root, design.T, lower=True, check_finite=False)
         projected_rows = projection @ target
         log_det += 2.0 * float(np.log(np.diag(root)).sum())

@@ -21,6 +21,7 @@ from gyrowheel_analysis.fitting.variance import (
     MarginalCost,
     amplitude_variance,
     average_covariance,
+    precision_root,
 )
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
@@ -225,12 +226,7 @@ def _narrowed(
         return residual[averages], regressors[averages], 0.0
     sigma = np.concatenate(list(white))
     design, rows = regressors[turning] / sigma[:, None], residual[turning] / sigma
-    precision = np.eye(design.shape[1]) + design.T @ design
-    try:
-        root = np.linalg.cholesky(precision)
-    except np.linalg.LinAlgError:  # rows so large that the unit matrix is lost in their squares
-        root = np.transpose(np.linalg.qr(np.vstack([np.eye(design.shape[1]), design]), mode="r"))
-        root = root * np.where(np.diag(root) < 0.0, -1.0, 1.0)
+    root = precision_root(design)
     mean = cho_solve((root, True), design.T @ rows)
     cost = float(rows @ rows - (design.T @ rows) @ mean + 2.0 * np.log(np.diag(root)).sum())
     spread = solve_triangular(root, np.eye(len(root)), lower=True).T

@@ -109,6 +109,16 @@ class DriftCovariance:
         return self._gains[scale]
 
 
+def precision_root(design: Array) -> Array:
+    """Return the lower triangular root of 1 + DᵀD, the precision of coefficients of unit prior deviation."""
+    unit = np.eye(design.shape[1])
+    try:
+        return np.asarray(np.linalg.cholesky(unit + design.T @ design))
+    except np.linalg.LinAlgError:  # rows so large that the unit matrix is lost in their squares
+        root = np.transpose(np.linalg.qr(np.vstack([unit, design]), mode="r"))
+        return np.asarray(root * np.where(np.diag(root) < 0.0, -1.0, 1.0))
+
+
 class MarginalCost:
     """Minus twice the log likelihood of rows that regressors and drifts of unknown magnitude explain.
 

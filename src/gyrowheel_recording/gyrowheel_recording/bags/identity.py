@@ -55,9 +55,9 @@ def same(before: Sequence[FileState], recording: Path) -> bool:
 def _state(folder: Path, name: str) -> FileState:
     path = folder / name
     found = path.stat()
-    return FileState(
-        path, name, found.st_size, (found.st_dev, found.st_ino, found.st_mtime_ns, found.st_ctime_ns)
-    )
+    # SQLite sets the owner of a log that it opens, which changes the inode
+    changed = found.st_mtime_ns if name.endswith(_LOGS) else found.st_ctime_ns
+    return FileState(path, name, found.st_size, (found.st_dev, found.st_ino, found.st_mtime_ns, changed))
 
 
 def hashed(files: Sequence[FileState]) -> tuple[HashedFile, ...]:
