@@ -265,7 +265,7 @@ def test_without_the_nutation_damper_the_loop_is_unstable():
 
     def nutation(damping: float, after: float) -> float:
         """Largest step of the tilt from sample to sample within 50 ms, some time after a ramp of 0.01 deg."""
-        plan = hold_plan(1000, 0.0, 0.01, hold_s=2.0)
+        plan = hold_plan(1000, 0.0, 0.01, hold_s=1.3)
         gains = Gains(nutation_damping=damping)
         tilt = quiet_run(plan, gains=gains).measurement[:, :2]
         ramp = plan.segments[1]
