@@ -15,6 +15,7 @@ import types
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, find_executable, node_parameters
-from gyrowheel_bringup.graph.launch import require_known
+from gyrowheel_bringup.graph.launch import require_known, typed
 from gyrowheel_bringup.viewers import robot_description, rviz_config, share_file
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics
@@ -159,7 +160,9 @@ def test_launch_of_the_bench_starts_what_up_starts(realtime: bool, monkeypatch: 
 
 
 def test_a_misspelt_argument_of_a_launch_file_is_refused() -> None:
-    require_known(["plan", "ros_namespace", "camera_rate"], ["plan", "record"])
+    require_known(["plan", "ros_namespace", "camera_rate"], ["plan", "record", "namespace"])
+    assert typed(SimpleNamespace(argv=["plann:=quick", "--debug"])) == ["plann"]
+    assert typed(SimpleNamespace()) == []
     with pytest.raises(InputError, match=r"^plann: no such argument; did you mean plan\?$"):
         require_known(["plann"], ["plan", "record"])
 

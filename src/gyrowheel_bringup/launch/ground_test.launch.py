@@ -23,6 +23,7 @@ from gyrowheel_bringup.graph.launch import (
     namespace_of,
     parameter_options,
     require_known,
+    typed,
     without,
 )
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
@@ -52,7 +53,7 @@ RVIZ = ("rviz2", "rviz2")
 
 
 def _actions(context: LaunchContext) -> list[Node]:
-    require_known(context.launch_configurations, [name for name, *_ in ARGUMENTS])
+    require_known(typed(context), [name for name, *_ in ARGUMENTS])
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     asked = {name: flag(name, given[name]) for name in ("realtime", "viewable", "rviz")}
     namespace = namespace_of(given["namespace"], context.launch_configurations.get("ros_namespace", ""))

@@ -22,6 +22,7 @@ from gyrowheel_bringup.graph.launch import (
     number,
     parameter_options,
     require_known,
+    typed,
 )
 from gyrowheel_bringup.viewers import robot_description, rviz_config, viewer_names
 from launch import LaunchContext, LaunchDescription
@@ -47,7 +48,7 @@ RVIZ = ("rviz2", "rviz2")
 
 
 def _actions(context: LaunchContext) -> list[Node]:
-    require_known(context.launch_configurations, [name for name, *_ in ARGUMENTS])
+    require_known(typed(context), [name for name, *_ in ARGUMENTS])
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
     asked = {name: flag(name, given[name]) for name in ("loop", "paused", "estimate", "viewable", "rviz")}
     numbers = {name: number(name, given[name]) for name in ("rate", "start", "end")}

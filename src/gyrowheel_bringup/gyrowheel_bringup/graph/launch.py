@@ -13,8 +13,13 @@ from gyrowheel_core import namespaces
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.node import PARENT_VARIABLE
 
-_NEAR = 0.8  # likeness of a misspelt argument
+_NEAR = 0.85  # likeness of a misspelt argument
 _YES, _NO = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
+
+
+def typed(context: Any) -> list[str]:
+    """Return the names of the arguments that were typed; a launch file that includes this one sets further ones."""
+    return [word.partition(":=")[0] for word in getattr(context, "argv", ()) if ":=" in word]
 
 
 def require_known(given: Collection[str], known: Collection[str]) -> None:
