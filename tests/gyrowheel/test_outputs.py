@@ -192,7 +192,7 @@ def test_an_interruption_before_the_first_case_writes_nothing(
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gyrowheel.campaigns.api.judged_cases", stop)
+    monkeypatch.setattr("gyrowheel.campaigns.api.finished", stop)
     cases = gyrowheel("campaign", "--cases", 1, "--json", bench / "cases.json")
     assert (cases.code, cases.out) == (130, "")
     assert not (bench / "cases.json").exists()
