@@ -56,6 +56,28 @@ def test_every_recording_is_a_row_and_done_once(
     assert {row["recording"]: row for row in api.read_rows(table)} == rows
 
 
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_rows_are_read_as_they_were_written(ending: str, tmp_path: Path) -> None:
+    """Names and digests of digits stay texts."""
+    rows = [
+        dict.fromkeys(api.COLUMNS)
+        | {
+            "recording": "1e3",
+            "key": "12e4567890123456",
+            "machine": "0012",
+            "verdict": "effect",
+            "effects": "",
+            "error": "",
+        }
+        | {"start": 0.1 + 0.2, "windage.w": 1.0e-3 / 3.0},
+        dict.fromkeys(api.COLUMNS)
+        | {"recording": "b, c", "key": "0", "verdict": "failed", "error": 'says "no"'},
+    ]
+    table = tmp_path / f"rows.{ending}"
+    api.write_rows(table, rows)
+    assert api.read_rows(table) == rows
+
+
 def test_a_changed_recording_or_model_is_diagnosed_again_and_an_interruption_keeps_the_rows(
     runs: Path, wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

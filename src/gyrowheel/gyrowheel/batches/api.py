@@ -38,6 +38,7 @@ COLUMNS = (
     "seconds",
 )
 ENDINGS = (".parquet", ".csv")
+_TEXTS = ("recording", "key", "machine", "verdict", "summary", "effects", "error")
 _WRITTEN_EVERY = 2.0  # s; rows of a shorter time are written together
 _METADATA = "metadata.yaml"
 _STORAGES = (".mcap", ".db3")
@@ -249,10 +250,17 @@ def read_rows(table: Path) -> list[Row]:
     import pyarrow.csv
     import pyarrow.parquet
 
+    texts = pyarrow.csv.ConvertOptions(
+        column_types=dict.fromkeys(_TEXTS, pyarrow.string()),
+        strings_can_be_null=True,
+        quoted_strings_can_be_null=False,
+    )
     with read_errors(table):
         try:
-            read = pyarrow.parquet.read_table if table.suffix == ".parquet" else pyarrow.csv.read_csv
-            found = read(str(table))
+            if table.suffix == ".parquet":
+                found = pyarrow.parquet.read_table(str(table))
+            else:
+                found = pyarrow.csv.read_csv(str(table), convert_options=texts)
         except pyarrow.ArrowInvalid as error:
             raise InputError(f"{table}: not a table of a batch ({one_line(error)})") from None
     if missing := [name for name in COLUMNS if name not in found.column_names]:
