@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -114,16 +114,22 @@ class Noise:
 
     def whitened(self, rows: Array) -> Array:
         """Return rows (N, ...) divided by the square root of their covariance, recording after recording."""
-        parts, at = [], 0
-        for averages, deviation in zip(self.averages, self.amplitudes, strict=True):
-            for covariance, drift in averages:
-                n = len(covariance)
-                parts.append(covariance.whiten(rows[at : at + n], self.scales[drift]))
-                at += n
-            own = rows[at : at + len(deviation)]
-            parts.append(own / (deviation if own.ndim == 1 else deviation[:, None]))
-            at += len(deviation)
+        parts = [
+            own / (block if own.ndim == 1 else block[:, None])
+            if isinstance(block, np.ndarray)
+            else block.whiten(own, self.scales[drift])
+            for block, drift, own in self._blocks(rows)
+        ]
         return np.concatenate(parts) if parts else np.zeros_like(rows)
+
+    def _blocks(self, rows: Array) -> Iterator[tuple[DriftCovariance | Array, str, Array]]:
+        """Yield the covariance of every average with its drift, then the deviations of the amplitudes, with their rows."""
+        at = 0
+        for averages, deviation in zip(self.averages, self.amplitudes, strict=True):
+            blocks: list[tuple[DriftCovariance | Array, str]] = [*averages, (deviation, "")]
+            for block, drift in blocks:
+                yield block, drift, rows[at : at + len(block)]
+                at += len(block)
 
     def shares(self, rows: Array) -> Array:
         """Return the part of chi-squared that belongs to every row (N,): their sum is that of the whitened rows.
@@ -132,14 +138,10 @@ class Noise:
         """
         if self.events is not None:
             rows = rows - self.events @ np.linalg.lstsq(self.whitened(self.events), self.whitened(rows))[0]
-        parts, at = [], 0
-        for averages, deviation in zip(self.averages, self.amplitudes, strict=True):
-            for covariance, drift in averages:
-                n = len(covariance)
-                parts.append(covariance.shares(rows[at : at + n], self.scales[drift]))
-                at += n
-            parts.append((rows[at : at + len(deviation)] / deviation) ** 2)
-            at += len(deviation)
+        parts = [
+            (own / block) ** 2 if isinstance(block, np.ndarray) else block.shares(own, self.scales[drift])
+            for block, drift, own in self._blocks(rows)
+        ]
         return np.concatenate(parts) if parts else np.zeros_like(rows)
 
     def deviation(self) -> Array:
