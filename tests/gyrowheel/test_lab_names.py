@@ -156,7 +156,7 @@ def test_a_number_of_every_tenth_sample_is_no_sequence() -> None:
 @pytest.mark.parametrize("counts", [500, 1000, 1024, 2000, 2048, 3600, 4096, 8000, 8192, 65536])
 @pytest.mark.parametrize("kind", ["of a turn", "on", "of 16 turns"])
 def test_counts_per_turn_of_an_encoder_are_determined(counts: int, kind: str) -> None:
-    """A counter of a turn shows them; the speed tells them of one that runs on, or begins anew after several turns."""
+    """A counter of a turn shows them; the speed tells them of one that runs on, or restarts after several turns."""
     # not in step with the samples, so that nearly every count is seen
     turned = 250.013 * np.arange(N) / RATE / (2.0 * math.pi)
     values = np.floor(counts * turned)

@@ -103,7 +103,7 @@ def test_a_counter_that_begins_anew_is_counted_on(
     file = written(tmp_path, {"t [us]": [str(value) for value in values]})
     found = gw.suggest_map(file)
     (question,) = found.questions
-    assert f"begins anew at {whole:.10g}, 1 place" in question
+    assert f"restarts at {whole:.10g}, 1 place" in question
     given = found.content
     given["time"]["wraps"] = float(whole)
     rows = gw.read_table(file, given).data.measurement

@@ -178,16 +178,16 @@ WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
         values("Time [s]", lambda x: x[::-1]),
         ("time: 'Time [s]' runs backward", "Turn the order"),
     ),
-    "time that begins anew": (
+    "time that restarts": (
         values("Time [s]", lambda x: np.mod(x, 0.7)),
-        ("time: 'Time [s]' begins anew", "2 places, first in row 701", "Cut the file there, before row 701"),
+        ("time: 'Time [s]' restarts", "2 places, first in row 701", "Cut the file there, before row 701"),
     ),
     "a counter of 16 bit": (
         both(
             values("Time [s]", lambda x: np.mod(np.round(x * 1e3) + 65_000, 65_536)),
             renamed("Time [s]", "Time [ms]"),
         ),
-        ("time: 'Time [ms]' is a counter that begins anew at 65536, 1 place", "Add 65536 to it"),
+        ("time: 'Time [ms]' is a counter that restarts at 65536, 1 place", "Add 65536 to it"),
     ),
     "rows twice": (
         lines(lambda own: [*own[:500], own[499], *own[500:]]),
@@ -244,7 +244,7 @@ def test_a_correct_table_raises_no_question(tmp_path: Path) -> None:
 
 
 def test_all_faults_are_reported_in_one_message(tmp_path: Path) -> None:
-    several = ("comma and point mixed", "two units in one column", "a number for nothing", "time that begins anew",
+    several = ("comma and point mixed", "two units in one column", "a number for nothing", "time that restarts",
                "averages at the end", "volts clipped")  # fmt: skip
     table = Table()
     for name in several:

@@ -22,7 +22,7 @@ from gyrowheel_sim.plant.machine import Machine
 from gyrowheel_sim.plant.protection import STOP_SAMPLES
 from gyrowheel_sim.plant.scenario import Scenario
 
-_RUNAWAY = 2.0  # tilt limits beyond which a machine has left its loop; some overshoot is none
+_RUNAWAY = 2.0  # tilt limits beyond which a machine has left its loop; an overshoot stays within
 _CHUNK = 20000  # samples computed between two reports of progress
 
 

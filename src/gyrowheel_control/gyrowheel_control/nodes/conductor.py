@@ -161,7 +161,7 @@ class ConductorNode(BenchNode):
         self._lead_ns = round(self.parameter("lead") * 1e9)
         self._now = 0  # time of the bench [ns]
         self._time_known = False
-        self._advanced_ns = 0  # when it was told [ns, monotonic clock]
+        self._advanced_ns = 0  # time of the last report of progress [ns, monotonic clock]
         self._standing = 0.0  # for how long the time of the bench has stood [s, wall clock]
         self._moved = True  # whether it has advanced since the last poll
         self._polled = time.monotonic()

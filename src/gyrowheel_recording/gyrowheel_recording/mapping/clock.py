@@ -25,11 +25,11 @@ _CLEAR: Final = 6.0  # robust standard deviations of the steps
 _EXACT: Final = 1e-9  # s, of a stamp
 _EVEN: Final = 0.3  # of the period: with more jitter the count of the samples is better than the stamps
 _JITTERS: Final = 2e-6  # s; less is not reported
-#: Rounded times: part of the steps that are none, and of those that are as they should be; rows by which groups of one
-#: time differ; part by which steps differ from whole ones; rows at least.
+#: Rounded times: part of the steps that are zero, and part that have the usual size; rows by which groups of equal
+#: times differ; part by which steps differ from whole ones; fewest rows.
 _REPEATED, _MOSTLY, _UNEVEN, _OFF, _FEWEST = 0.2, 0.95, 1.0, 0.02, 20
-#: The same where times are rounded to little more than the period: part of the steps that are none, how many at least,
-#: and part of them that are as far from the next one as most.
+#: The same where times are rounded to little more than the period: part of the steps that are zero, their fewest
+#: number, and part of them at the usual distance from the next one.
 _SELDOM, _FEW, _EVENLY = 0.005, 5, 0.8
 
 
@@ -138,7 +138,7 @@ def period_of(time: Array) -> float:
 def rounded_to(time: Array) -> float | None:
     """Return to what the times of rows are rounded so that several rows have the same, or None where they are not.
 
-    As many rows have each time, but for one more or less; a row that is there twice is none of them.
+    As many rows have each time, but for one more or less; repeated rows do not count.
     """
     steps = np.diff(time)
     repeated = float(np.mean(steps == 0.0)) if len(steps) else 0.0

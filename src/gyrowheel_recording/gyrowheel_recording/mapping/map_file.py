@@ -117,7 +117,7 @@ class Source(Section):
     plus, plus_unit : str
         Of the time: a column that is added to it, and its unit; seconds and nanoseconds may stand in two columns.
     wraps : float
-        Of the time: the value at which its counter begins anew, in its unit; 0 where it goes on.
+        Of the time: the value at which its counter restarts, in its unit; 0 if it does not.
     """
 
     column: Text = ""

@@ -1,4 +1,4 @@
-"""Readings with rows of their own: tables that several instruments share, each with values in its rows alone."""
+"""Tables in which several instruments share the columns of time, and each has values only in separate rows."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SPARSE = (
-    0.5  # part of the rows of samples; with values in more a slow reading has holes, and no rows of its own
-)
-_FEWEST = 0.02  # part of the rows that are no samples, at least
+_SPARSE = 0.5  # part of the rows of samples; a slow reading with more values has holes, and no separate rows
+_FEWEST = 0.02  # smallest part of the rows that are no samples
 _BRIDGED = 4.5  # usual distances of rows with values; a wider gap is a hole
 
 
 def sample_rows(fast: Mapping[str, Array], slow: Mapping[str, Array]) -> NDArray[np.bool_]:
     """Return which rows of a table are samples: some have values of slow readings alone.
 
-    `fast` and `slow` have the values (n,) of all readings, NaN where there are none.
+    `fast` and `slow` have the values (n,) of all readings, NaN where a value is missing.
     """
     every = next(iter([*fast.values(), *slow.values()]))
     if not fast or not slow:
@@ -32,9 +30,9 @@ def sample_rows(fast: Mapping[str, Array], slow: Mapping[str, Array]) -> NDArray
 
 
 def interpolated(time: Array, values: Array, samples: NDArray[np.bool_]) -> Array | None:
-    """Return a slow reading in the rows of samples, where it has fewer rows of its own; None where it has not.
+    """Return a slow reading with separate rows, interpolated to the rows of samples; None for any other reading.
 
-    It stays NaN in the holes of its own rows.
+    It stays NaN within gaps of its rows.
     """
     known = np.isfinite(values)
     if float(np.mean(known[samples])) > _SPARSE or np.count_nonzero(known) < 2:

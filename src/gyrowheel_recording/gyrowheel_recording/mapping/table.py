@@ -195,7 +195,7 @@ class Table:
             values, anew = _unwrapped(values, source.wraps)
             if anew:
                 self.remarks.append(
-                    f"'{name}' begins anew at {source.wraps:.10g} in {anew} places: that is added"
+                    f"'{name}' restarts at {source.wraps:.10g} in {anew} places: this is added"
                 )
         begin = values[0] if start is None else start
 
@@ -459,7 +459,7 @@ class Table:
 
 
 def _unwrapped(values: NDArray[Any], wraps: float) -> tuple[NDArray[Any], int]:
-    """Return the values of a counter as if it went on, and how often it begins anew."""
+    """Return the values of a counter as if it never restarted, and the number of restarts."""
     back = np.diff(values.astype(np.float64)) < -0.5 * wraps
     turns = np.concatenate([[0], np.cumsum(back)])
     whole = values.dtype.kind in "iu" and wraps == round(wraps)

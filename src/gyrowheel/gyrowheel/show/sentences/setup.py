@@ -162,7 +162,7 @@ def _hopeless(found: WrongSetup) -> str:
     if found.kind == "held":
         return (
             f"record {listed(found.columns, 'and')} with a new reading in every sample, or import each instrument at "
-            "its own rate, with the times of its own readings (`clock:` in the map)"
+            "its rate, with the times of these readings (`clock:` in the map)"
         )
     if found.kind == "another_machine":
         return "diagnose the recordings of one machine at a time, or give --mixed"

@@ -172,14 +172,14 @@ def angle_unit(values: Array, unit: str) -> tuple[str, float, str]:
     span = float(np.ptp(values))
     whole = next((w for w in sorted(_WHOLE_TURNS) if (1.0 - _NEAR) * w <= span <= w * (1.0 + 1e-9)), 0.0)
     if whole == 360.0:
-        return "deg", 1.0, "begins anew every 360"
+        return "deg", 1.0, "restarts every 360"
     if whole and abs(whole - 2.0 * math.pi) < 1e-9:
-        return "rad", 1.0, "begins anew every 2 pi"
+        return "rad", 1.0, "restarts every 2 pi"
     if not whole and np.array_equal(values, np.round(values)):
         whole = span + 1.0
     if whole:
-        return "turn", 1.0 / whole, f"begins anew every {whole:g}"
-    return "turn", 1.0 / (span * (1.0 + 1.0 / max(len(values), 1))), f"begins anew every {span:g}"
+        return "turn", 1.0 / whole, f"restarts every {whole:g}"
+    return "turn", 1.0 / (span * (1.0 + 1.0 / max(len(values), 1))), f"restarts every {span:g}"
 
 
 def wraps(values: Array) -> bool:

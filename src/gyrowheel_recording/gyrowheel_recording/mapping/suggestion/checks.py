@@ -271,7 +271,7 @@ def _go_on(turned: Array | None, wrong: NDArray[np.int64]) -> bool | None:
 
 
 def counter_range(before: Array, after: Array, period: float) -> float:
-    """Return the range of a counter that begins anew between two rows, the same at every such place; 0 without one."""
+    """Return the range of a counter that restarts between two rows, equal at every such place; 0 without one."""
     near = _NEAR * abs(period)
     for own in _COUNTERS:
         if own > 10.0 * abs(period):
@@ -301,7 +301,7 @@ def _order_problem(
     whole = counter_range(before, after, period)
     if whole:
         return (
-            f"time: '{column}' is a counter that begins anew at {whole:.10g}, {places}.",
+            f"time: '{column}' is a counter that restarts at {whole:.10g}, {places}.",
             f"Add {whole:.10g} to it at every new beginning: `wraps: {whole:.10g}` at `time` in the map does.",
         )
     if len(wrong) > _MANY * len(times):
@@ -311,8 +311,8 @@ def _order_problem(
         )
     if np.all(np.abs(after - times[0]) <= _NEAR * abs(period)):
         return (
-            f"time: '{column}' begins anew in {places}: recordings stand one behind the other.",
-            f"Cut the file there, before row {row}, and import each part by itself.",
+            f"time: '{column}' restarts in {places}: recordings follow each other.",
+            f"Cut the file there, before row {row}, and import each part alone.",
         )
     back = float(before[0] + period - after[0])
     if goes_on:
@@ -324,7 +324,7 @@ def _order_problem(
         )
     return (
         f"time: '{column}' goes back by {back:.6g} in {places}: its clock was set back, or another recording begins.",
-        f"Cut the file there, before row {row}, and import each part by itself; or add {back:.6g} to the times from "
+        f"Cut the file there, before row {row}, and import each part alone; or add {back:.6g} to the times from "
         "there on, where the rows follow each other.",
     )
 
