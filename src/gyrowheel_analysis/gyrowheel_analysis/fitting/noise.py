@@ -123,7 +123,7 @@ class Noise:
         return np.concatenate(parts) if parts else np.zeros_like(rows)
 
     def _blocks(self, rows: Array) -> Iterator[tuple[DriftCovariance | Array, str, Array]]:
-        """Yield the covariance of every average with its drift, then the deviations of the amplitudes, with their rows."""
+        """Yield the covariance of every average with its drift, then deviations of amplitudes, all with their rows."""
         at = 0
         for averages, deviation in zip(self.averages, self.amplitudes, strict=True):
             blocks: list[tuple[DriftCovariance | Array, str]] = [*averages, (deviation, "")]
