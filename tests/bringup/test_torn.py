@@ -24,11 +24,15 @@ class Fragile(BenchNode):
 
     def activate(self):
         print("active", flush=True)
+        if "activate" in sys.argv:
+            ctypes.PyDLL(None).pause()
 
     def cleanup(self):
         print("work done", flush=True)
         if "early" in sys.argv:
             os.kill(os.getpid(), signal.SIGSEGV)
+        if "cleanup" in sys.argv:
+            ctypes.PyDLL(None).pause()
 
     def destroy_node(self):
         if "well" in sys.argv:
@@ -44,7 +48,7 @@ raise SystemExit(code)
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("when", ["early", "late", "hangs", "well"])
+@pytest.mark.parametrize("when", ["early", "late", "hangs", "cleanup", "well"])
 def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", NODE, when],
@@ -65,7 +69,24 @@ def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_pat
         assert not child.ended_well
     else:
         assert code in TORN
-        assert (code == signal.SIGALRM) == (when == "hangs")
+        assert (code == signal.SIGALRM) == (when in ("hangs", "cleanup"))
         assert child.ended_well
         child.expected = False
         assert not child.ended_well
+
+
+@pytest.mark.graph
+def test_a_node_that_hangs_logs_where_before_it_is_killed() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", NODE, "activate"],
+        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "active\n"
+    process.send_signal(signal.SIGQUIT)
+    _, log = process.communicate(timeout=60.0)
+    assert process.returncode == -signal.SIGQUIT
+    assert "in activate" in log

@@ -28,6 +28,7 @@ from gyrowheel_core.node import PARENT_VARIABLE, TORN, ExitCode
 from gyrowheel_core.start_node import NodeRequest, command
 
 _STOP_TIMEOUT = 20.0  # time for a node to end before it is killed [s]
+_TRACE_TIMEOUT = 1.0  # time to log where it hangs [s]
 _UNLOCKED = 2.0  # by then Fast DDS has replaced shared memory that a killed process had locked [s]
 #: Nodes that wait for each other's messages: only one of them runs at a time.
 _LOOP = ("plant", "controller")
@@ -203,6 +204,9 @@ class Processes:
                 child.expected = True
                 child.signal(signal.SIGINT)
         self._wait(_STOP_TIMEOUT)
+        for child in self.children.values():
+            child.signal(signal.SIGQUIT)  # a node that hangs logs where it does
+        self._wait(_TRACE_TIMEOUT)
         self._kill()
 
     def _kill(self) -> None:

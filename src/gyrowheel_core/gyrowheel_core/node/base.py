@@ -378,10 +378,10 @@ class BenchNode(LifecycleNode):
         self._publish_status(self.diagnose())
 
     def finish(self, executor: Executor) -> None:
-        """Publish the last status, or the reason of the failure, and end the lifecycle.
+        """Publish the last status, or the reason of the failure, and end the work of the node.
 
-        Between the hooks `deactivate` and `cleanup` a few callbacks are served, so that a client of the node gets the
-        answers that `deactivate` has prepared. Then the executor is shut down; `destroy_node` remains.
+        After the hook `deactivate` a few callbacks are served, so that a client of the node gets the answers that
+        `deactivate` has prepared. `take_apart` and `destroy_node` remain.
         """
         if self.failure is not None:
             text = str(self.failure) or type(self.failure).__name__
@@ -393,6 +393,9 @@ class BenchNode(LifecycleNode):
             self.trigger_deactivate()
             for _ in range(_LAST_CALLBACKS):
                 executor.spin_once(timeout_sec=0.0)
+
+    def take_apart(self, executor: Executor) -> None:
+        """Shut down the executor, and end the lifecycle by the hook `cleanup`; the work of the node has ended."""
         executor.shutdown()
         time.sleep(_LET_GO)
         if self.state in ("unconfigured", "inactive", "active"):

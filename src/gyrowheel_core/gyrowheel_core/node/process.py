@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import enum
+import faulthandler
 import gc
 import inspect
 import signal
@@ -32,7 +33,9 @@ _ANSWER = 0.3  # how long a node that was shut down stays, so that its answer ar
 
 #: Exit codes of a node whose work was done, and whose middleware crashed or hung in its shutdown.
 TORN: Final = frozenset({int(signal.SIGSEGV), int(signal.SIGABRT), int(signal.SIGALRM)})
-_TAKEN_APART = 5  # how long that may take [s]
+#: How long a node whose work is done may take to release what it acquired, less than `up` waits for its end [s].
+_CLEANED_UP = 15
+_DESTROYED = 5  # how long the middleware may take after that [s]
 
 
 class ExitCode(enum.IntEnum):
@@ -168,6 +171,10 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
         print(parameter_help(node_class))
         return ExitCode.OK
     signals = StopSignals()
+    if hasattr(
+        sys.stderr, "fileno"
+    ):  # where it hangs can be asked for: by Ctrl-\, and by `up` before it kills
+        faulthandler.register(signal.SIGQUIT, chain=True)
     try:
         with _ros(arguments):
             failure = _run(node_class, signals)
@@ -184,12 +191,12 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
     return ExitCode.CRASH
 
 
-def _die_quietly() -> None:
-    """End with a code of `TORN` instead of a crash, and instead of waiting for ever."""
+def _end_quietly_at(*signals: int, seconds: int) -> None:
+    """End with the number of a signal as exit code instead of a crash; send SIGALRM after a time."""
     system = ctypes.CDLL(None)
-    for number in TORN:
+    for number in signals:
         system.signal(number, system._exit)  # which is called with the number
-    signal.alarm(_TAKEN_APART)
+    signal.alarm(seconds)
 
 
 def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | None:
@@ -214,6 +221,8 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
     if isinstance(node.failure, Fault):
         node.get_logger().fatal(str(node.failure))
     node.finish(executor)
-    _die_quietly()
+    _end_quietly_at(signal.SIGALRM, seconds=_CLEANED_UP)
+    node.take_apart(executor)
+    _end_quietly_at(*TORN, seconds=_DESTROYED)
     node.destroy_node()
     return node.failure
