@@ -35,7 +35,17 @@ HOUSE = (
         "no physics: what every package uses",
         (
             ("arrays", "errors", "wire", "cache"),
-            ("units", "files", "schema", "yaml_text", "readings", "topics", "processes", "origin_guard"),
+            (
+                "units",
+                "files",
+                "schema",
+                "yaml_text",
+                "readings",
+                "topics",
+                "processes",
+                "origin_guard",
+                "kept_arrays",
+            ),
             ("namespaces", "surroundings"),
             ("start_node",),
             ("quantities", "node", "locks"),

@@ -11,6 +11,8 @@ import pytest
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import FEWEST_WINDOWS
+from gyrowheel_analysis.diagnosis import experiment_design
+from gyrowheel_analysis.diagnosis.selection import rank
 from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_analysis.fitting.fit import Term
 from gyrowheel_analysis.fitting.preparation import TooFewWindowsError, prepare
@@ -19,6 +21,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_analysis.residuals.error_table import errors_of
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import cache
 from gyrowheel_recording.bags import Recording
 
 from .machines import BENCH, hidden_machine, record
@@ -63,7 +66,7 @@ def test_evaluation_has_no_side_effects(recording: Recording) -> None:
     before, other = state(problem), state(validation.problem)
     form = next(t for t in forms() if t.name not in problem.unknowns.library)
     null = problem.fit(())
-    problem.term_jacobian(form, null, problem.predict(null))
+    problem.term_jacobian(form, null)
     fit = problem.refined(problem.fit([problem.unknowns.term("aero_cross"), form]))
     problem.evidence(fit)
     problem.fit_within()
@@ -106,6 +109,55 @@ def test_two_forms_of_one_name_are_not_confused() -> None:
         stated = problem.unknowns.stated({"form": {"a": 1e-3, "q": 1.0}})
         rows.append(problem.predict(replace(stated, terms=(term,))))
     assert not np.array_equal(rows[0], rows[1])
+
+
+def test_the_same_fit_is_made_once(recording: Recording) -> None:
+    problem = prepare([recording], Model(BENCH)).problem
+    null, term = problem.fit(()), problem.unknowns.term("aero_cross")
+    assert problem.fit(()) is null
+    found = problem.fit([term], null)
+    assert problem.fit([term], null) is found
+    # from another start, or by another noise, it is another fit
+    assert problem.fit([term]) is not found
+    louder = problem.with_scales({name: 3.0 * scale for name, scale in problem.noise.scales.items()})
+    assert louder.fit([term], null) is not found
+
+
+def test_terms_are_ranked_by_their_gain_at_the_fit(recording: Recording) -> None:
+    problem = prepare([recording], Model(BENCH)).problem
+    fit = problem.fit(())
+    ranked = rank(problem, fit, problem.unknowns.candidates())
+    assert [gain for gain, _ in ranked] == sorted((gain for gain, _ in ranked), reverse=True)
+    assert ranked[0][1].name == "aero_cross"
+    # the gain of the best by the definition: with its derivatives among the unknowns
+    white = np.concatenate([problem.noise.whiten(fit.residual), -fit.pull])
+    unknowns = [np.vstack([problem.noise.whiten(fit.jacobian), np.eye(problem.count)])]
+    left = []
+    for own in ([], [problem.term_jacobian(ranked[0][1], fit, ["c"])]):
+        columns = [np.vstack([problem.noise.whiten(c), np.zeros((problem.count, c.shape[1]))]) for c in own]
+        design = np.hstack([*unknowns, *columns])
+        design /= np.linalg.norm(design, axis=0)
+        step, *_ = np.linalg.lstsq(design, white, rcond=1e-12)
+        left.append(float(np.sum((white - design @ step) ** 2)))
+    assert ranked[0][0] == pytest.approx(left[0] - left[1], rel=1e-6)
+
+
+def test_a_plan_that_is_kept_gives_the_same_test(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / "cache"))
+    problem = prepare([recording], Model(BENCH)).problem
+    fit, found = problem.fit(()), []
+    for _ in range(2):
+        experiment_design._planned.cache_clear()
+        other = experiment_design.planned(problem, "paper_speed")
+        assert other is not None
+        at = other[0].predict(fit)
+        found.append(b"".join(a.tobytes() for a in (at, other[0].base, other[0].jacobian(fit))))
+    experiment_design._planned.cache_clear()
+    cache._folder.cache_clear()
+    assert found[0] == found[1]
+    assert len([entry for entry in (tmp_path / "cache").iterdir() if entry.name.startswith("plan_")]) == 1
 
 
 def test_too_few_windows_are_refused_with_the_reason(tmp_path: Path) -> None:

@@ -65,10 +65,10 @@ def test_marginalisation_equals_a_covariance_of_the_rows(braked: tuple[Problem, 
 def _columns(problem: Problem, fit: Fit) -> Array:
     """Return the rows of every effect but the fitted one and those of instruments, at a tenth of the usual size."""
     unknowns = problem.unknowns
-    columns, base = [], problem.predict(unknowns.stated())
+    columns = []
     for term in unknowns.candidates():
         if term.effect is not None and term not in fit.terms and not unknowns.same_as(term):
-            own = problem.term_jacobian(term, unknowns.stated(), base, term.amplitudes)
+            own = problem.term_jacobian(term, unknowns.stated(), term.amplitudes)
             columns.append(own * [0.1 * c.usual[1] for c in term.effect.amplitudes])
     return np.hstack(columns)
 

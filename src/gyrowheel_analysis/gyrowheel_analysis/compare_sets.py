@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc, chdtri
 
 from gyrowheel_analysis.criteria import CHANGED_CHANCE, CHI2_RANGE, MOST_CHANGES, TIE_LOSS
 from gyrowheel_analysis.diagnosis.proof import spread_of
@@ -178,7 +178,7 @@ def compare_sets(
         tried=len(search.groups),
         gain=gain,
         degrees=degrees,
-        p=float(stats.chi2.sf(gain / start.inflation, max(degrees, 1))),
+        p=float(chdtrc(max(degrees, 1), max(gain, 0.0) / start.inflation)),
         chi2_per_n=found.chi2_rows / n,
         common_chi2_per_n=start.chi2_rows / n,
         explains=found.chi2_rows <= search.expected + CHI2_RANGE * spread_of(search.expected),
@@ -249,9 +249,8 @@ class _Search:
         #: -1/2 for rows of the first set, +1/2 for those of the second.
         self._side = np.repeat([-0.5 if k < first else 0.5 for k in range(len(lengths))], lengths)
         self.groups = _groups(problem, terms)
-        stated, (base, nuisance) = problem.unknowns.stated(), problem.prediction.as_stated
         self._missing = {
-            g.name: problem.prediction.amplitude_columns(g.term, stated, base, nuisance) * g.sizes
+            g.name: problem.prediction.stated_columns(g.term) * g.sizes
             for g in self.groups
             if g.term is not None
         }
@@ -299,10 +298,9 @@ class _Search:
                 self._side < 0.0, *(problem.predict(_point(terms, end, problem)) for end in ends)
             )
             middle = _point(terms, common, problem)
-            at = problem.predict(middle)
             columns = np.hstack(
-                [problem.prediction.nuisance_jacobian(middle, at, problem.base_jacobian)]
-                + [problem.term_jacobian(t, middle, at) for t in terms]
+                [problem.prediction.nuisance_jacobian(middle, problem.base_jacobian)]
+                + [problem.term_jacobian(t, middle) for t in terms]
             )
             both = np.hstack([columns[:, free], self._side[:, None] * columns[:, places]])
             priors = np.hstack([np.diag(inverse)[:, free], np.zeros((len(inverse), len(places)))])
@@ -371,8 +369,8 @@ class _Search:
     ) -> tuple[Difference, ...]:
         """Return the differences of a group in SI units, given values and steps of the fit."""
         gain, degrees = float(steps @ np.linalg.pinv(covariance) @ steps), len(group.names)
-        p = min(float(stats.chi2.sf(gain / state.inflation, degrees)) * len(self.groups), 1.0)
-        least = state.inflation * float(stats.chi2.isf(CHANGED_CHANCE / len(self.groups), degrees))
+        p = min(float(chdtrc(degrees, max(gain, 0.0) / state.inflation)) * len(self.groups), 1.0)
+        least = state.inflation * float(chdtri(degrees, CHANGED_CHANCE / len(self.groups)))
         found = []
         for k, (name, unit, size) in enumerate(zip(group.names, group.units, group.sizes, strict=True)):
             value, step, error = (

@@ -6,8 +6,6 @@ import inspect
 import sys
 from importlib import import_module
 
-from gyrowheel_sim.jit import load_tables
-
 for _module in (
     "gyrowheel_sim.plant.machine",
     "gyrowheel_sim.plant.real_time",
@@ -18,6 +16,5 @@ for _module in (
     "gyrowheel_analysis.drag.stream",
 ):
     import_module(_module)
-load_tables()
 # the first line of rclpy's logger looks for its caller among all modules
 inspect.getframeinfo(sys._getframe())

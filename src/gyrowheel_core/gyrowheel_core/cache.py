@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import importlib.util
 import os
 import re
 import secrets
@@ -29,6 +30,19 @@ _OLD = 3600.0  # s; no entry takes so long to write
 def digest(*texts: str) -> str:
     """Return a short name of texts that differs where any of them does."""
     return _DIGEST("\0".join(texts).encode("utf-8", "surrogatepass")).hexdigest()[:20]
+
+
+@functools.cache
+def files_of(*packages: str) -> str:
+    """Return a short name of the content of the files of packages: a result of other code has another one."""
+    found = []
+    for package in packages:
+        spec = importlib.util.find_spec(package)
+        for place in spec.submodule_search_locations or () if spec else ():
+            for path in sorted(Path(place).rglob("*")):
+                if path.suffix in (".py", ".yaml", ".json"):
+                    found += [package, str(path.relative_to(place)), path.read_text(encoding="utf-8")]
+    return digest(*found)
 
 
 def user_folder(kind: str) -> Path:

@@ -34,7 +34,7 @@ _SETTINGS = ".numba_config.yaml"
 with ignored_here(_SETTINGS) as _ignored:
     import numba
     from numba.core import caching, config
-    from numba.core.registry import cpu_target
+    from numba.core.runtime.nrt import rtsys
     from numba.core.serialize import dumps
     from numba.extending import register_jitable as register_jitable
 if _ignored:  # it would look again whenever it compiles
@@ -64,11 +64,6 @@ def njit(function: FunctionType | None = None, *, cache: bool = False, **options
     return compiled
 
 
-def load_tables() -> None:
-    """Load the tables of numba, which otherwise come with the first compiled function that is called."""
-    cpu_target.target_context.refresh()
-
-
 class _Kept(caching.FunctionCache):
     """The machine code of one function, one entry a signature."""
 
@@ -78,6 +73,15 @@ class _Kept(caching.FunctionCache):
         self._cache_path = str(cache.folder() or "")
         self._cache_file: Any = _Entries(function)
         self._enabled = True
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the kept machine code of a signature, or None.
+
+        Numba would first load the tables by which it translates source, half a second's work. Machine code needs only
+        the memory manager of arrays. (Code that hashes would need more: no kernel has sets or dictionaries.)
+        """
+        rtsys.initialize(target_context)
+        return self._load_overload(sig, target_context)
 
 
 class _Reduction(caching.CompileResultCacheImpl):

@@ -186,7 +186,7 @@ class Yardstick:
 
     def _columns(self, term: Term) -> Array:
         if term.name not in self._responses:
-            jacobian = self._problem.term_jacobian(term, self._problem.unknowns.stated(), self._problem.base)
+            jacobian = self._problem.term_jacobian(term, self._problem.unknowns.stated())
             self._responses[term.name] = jacobian[:, : len(term.amplitudes)]
         return self._responses[term.name]
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtri, ndtri
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import LISTED
@@ -68,8 +68,8 @@ def checks(problem: Problem, fit: Fit, unseen: Mapping[str, tuple[float, int]]) 
 def _limit(degrees: float, tests: int) -> float:
     """Return the chi-squared that chance exceeds in one of the tests with `CHANNEL_CHANCE`."""
     chance = CHANNEL_CHANCE / tests
-    by_noise = NOISE_ERROR * degrees * float(stats.norm.isf(chance))
-    return degrees + math.hypot(float(stats.chi2.isf(chance, degrees)) - degrees, by_noise)
+    by_noise = NOISE_ERROR * degrees * -float(ndtri(chance))
+    return degrees + math.hypot(float(chdtri(degrees, chance)) - degrees, by_noise)
 
 
 def smallest(found: Sequence[ChannelCheck], unseen: Mapping[str, tuple[float, int]]) -> float:
@@ -80,7 +80,7 @@ def smallest(found: Sequence[ChannelCheck], unseen: Mapping[str, tuple[float, in
         limit = check.unseen_allowed * n
         # the sum of squares of noise and a misfit is normal to good approximation
         deviation = math.sqrt(2.0 * n + 4.0 * max(limit - n, 0.0))
-        excess = limit - n + float(stats.norm.isf(1.0 - CHANNEL_POWER)) * deviation
+        excess = limit - n + float(ndtri(CHANNEL_POWER)) * deviation
         sizes.append(math.sqrt(excess / n))
     return max(sizes)
 

@@ -16,6 +16,7 @@ from gyrowheel_analysis.criteria import PRECISE, SETTLING_SEPARATION, VARIATION_
 from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, EffectFinding
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Unknowns, candidate_terms
+from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
@@ -24,6 +25,7 @@ from gyrowheel_analysis.residuals.error_table import channel_values
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_control.plans.variation import MARK
+from gyrowheel_core import cache, kept_arrays
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry
@@ -142,7 +144,26 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
         absent=asked.absent,
         assumed=dict(asked.assumed),
     )
-    return Problem.of([balance], asked.unknowns), plan.duration / 60.0
+    return Problem.predicted_by(_as_stated(balance, asked)), plan.duration / 60.0
+
+
+#: Packages on which the prediction of a plan depends.
+_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_analysis")
+
+
+def _as_stated(balance: Balance, asked: _Asked) -> Prediction:
+    """Return the prediction of a plan; its derivatives with everything as stated are kept in the user's cache."""
+    prediction = Prediction([balance], asked.unknowns)
+    if asked.unknowns.known or asked.unknowns.declared:
+        return prediction
+    given = (asked.plan, asked.stated, asked.harmonics, sorted(asked.absent), asked.assumed, asked.wider)
+    name = f"plan_{cache.digest(cache.files_of(*_CODE), np.__version__, repr(given))}"
+    kept = kept_arrays.read(name)
+    if kept is None or kept.keys() != {"rows", "jacobian"}:
+        rows, jacobian = prediction.as_stated
+        kept_arrays.write(name, rows=rows, jacobian=jacobian)
+        return prediction
+    return prediction.known_as_stated(kept["rows"], kept["jacobian"])
 
 
 class Planner:
@@ -170,7 +191,7 @@ class Planner:
         present, along, beside = self._present(truth, rival)
         at = other.predict(rival)
         signal = np.concatenate([along, other.noise.whiten(other.predict(truth) - at)])
-        design = np.vstack([present, other.noise.whiten(other.jacobian(rival, at))])
+        design = np.vstack([present, other.noise.whiten(other.jacobian(rival))])
         size = np.linalg.norm(design, axis=0)
         size[size == 0.0] = 1.0
         solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)
@@ -192,7 +213,7 @@ class Planner:
         pull = inverse * (values - problem.unknowns.centre(rival.terms))
         at = problem.predict(rival)
         signal = np.concatenate([problem.noise.whiten(problem.predict(truth) - at), -pull])
-        design = np.vstack([problem.noise.whiten(problem.jacobian(rival, at)), np.diag(inverse)])
+        design = np.vstack([problem.noise.whiten(problem.jacobian(rival)), np.diag(inverse)])
         basis, triangle = np.linalg.qr(design)
         along = basis.T @ signal
         self._seen = truth, rival, triangle, along, float(signal @ signal - along @ along)
@@ -232,13 +253,12 @@ class Planner:
 def detection_limits(problem: Problem, fit: Fit, inflation: float) -> list[DetectionLimit]:
     """Return the detection limits of the registered effects that model and fit lack, all else being estimated."""
     basis = problem.basis(fit)
-    at = problem.measured - fit.residual
     limits = []
     for term in candidate_terms(problem.bench):
         effect = term.effect
         if effect is None or term in fit.terms or term.name in problem.unknowns.known:
             continue
-        own = problem.term_jacobian(term, fit, at, term.amplitudes)
+        own = problem.term_jacobian(term, fit, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((len(fit.pull), own.shape[1]))])
         columns = columns - basis @ (basis.T @ columns)
         needed = math.sqrt(threshold(term, inflation))
@@ -337,7 +357,7 @@ def _with_plan(problem: Problem, fit: Fit, name: str) -> tuple[NDArray[np.float6
     if found is None or not len(found[0].measured):
         return None
     other, minutes = found
-    jacobian = other.jacobian(fit, other.predict(fit))
+    jacobian = other.jacobian(fit)
     inverse, _ = problem.unknowns.prior(fit.terms)
     parts = [problem.noise.whiten(fit.jacobian), other.noise.whiten(jacobian), np.diag(inverse)]
     design = np.vstack(parts)

@@ -122,7 +122,7 @@ class _Prediction:
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.rows = problem.measured - problem.predict(fit)
         self.white = problem.noise.whiten(self.rows)
-        jacobian = problem.jacobian(fit, problem.predict(fit))
+        jacobian = problem.jacobian(fit)
         self.slopes = problem.noise.whiten(jacobian)
         self.covariance = fit.covariance
         root = _root(fit.covariance)
@@ -294,10 +294,7 @@ def _resembling(problem: Problem, other: Problem, best: Fit, seen: _Prediction) 
     for term in problem.unknowns.candidates():
         if term in best.terms:
             continue
-        own = [
-            p.noise.whiten(p.term_jacobian(term, best, p.measured - residual, term.amplitudes))
-            for p, residual in ((problem, best.residual), (other, seen.rows))
-        ]
+        own = [p.noise.whiten(p.term_jacobian(term, best, term.amplitudes)) for p in (problem, other)]
         columns = left(np.vstack([*own, np.zeros((len(inverse), own[0].shape[1]))]))
         norm = np.linalg.norm(columns, axis=0)
         norm[norm == 0.0] = 1.0

@@ -30,6 +30,7 @@ _MOST_TERMS = 4  # without instruments
 _MOST_INSTRUMENTS = 5
 _MOST_SEARCHES = 6  # after which terms that fail are only removed
 _SHORTLIST = 5
+_EXACT = 10  # foremost candidates whose gain is computed at the fit
 
 Progress = Callable[[str], None]
 
@@ -207,27 +208,40 @@ def relative_deviation(problem: Problem, fit: Fit, term: Term) -> float:
 def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[float, Term]]:
     """Return the linear gain in chi-squared of every candidate, best first.
 
-    A candidate that is linearly dependent on the fit is left out.
+    The derivatives by most are those with everything as stated, which hardly differ from those at the fit; for the
+    foremost they are taken at the fit. A candidate that is linearly dependent on the fit is left out.
     """
     basis = problem.basis(current)
-    padding = len(current.pull)
     white = np.concatenate([problem.noise.whiten(current.residual), -current.pull])
     white = white - basis @ (basis.T @ white)
-    at = problem.measured - current.residual
-    result = []
-    for term in pool:
-        own = problem.prediction.amplitude_columns(term, current, at, current.jacobian)
-        columns = np.vstack([problem.noise.whiten(own), np.zeros((padding, own.shape[1]))])
-        total = np.linalg.norm(columns, axis=0)
-        columns = columns - basis @ (basis.T @ columns)
-        norm = np.linalg.norm(columns, axis=0)
-        # a column that the others reproduce to a part in ten thousand adds nothing
-        if np.any(norm <= 1.0e-4 * np.maximum(total, 1e-300)):
-            continue
-        columns = columns / norm
-        solution, *_ = np.linalg.lstsq(columns, white, rcond=1e-8)
-        result.append((float(white @ (columns @ solution)), term))
-    return sorted(result, key=lambda pair: -pair[0])
+
+    def ranked(terms: Sequence[Term], columns: Callable[[Term], Array]) -> list[tuple[float, Term]]:
+        if not terms:
+            return []
+        parts = [columns(term) for term in terms]
+        edges = np.cumsum([0, *(part.shape[1] for part in parts)])
+        rows = problem.noise.whiten(np.hstack(parts))
+        total = np.linalg.norm(rows, axis=0)
+        every = -basis @ (basis[: len(rows)].T @ rows)
+        every[: len(rows)] += rows
+        norm = np.linalg.norm(every, axis=0)
+        result = []
+        for term, first, last in zip(terms, edges, edges[1:], strict=False):
+            own = norm[first:last]
+            # a column that the others reproduce to a part in ten thousand adds nothing
+            if np.any(own <= 1.0e-4 * np.maximum(total[first:last], 1e-300)):
+                continue
+            solution = every[:, first:last] / own
+            step, *_ = np.linalg.lstsq(solution, white, rcond=1e-8)
+            result.append((float(white @ (solution @ step)), term))
+        return sorted(result, key=lambda pair: -pair[0])
+
+    result = ranked(pool, problem.prediction.stated_columns)
+    foremost = [term for _, term in result[:_EXACT]]
+    exact = ranked(
+        foremost, lambda term: problem.prediction.amplitude_columns(term, current, current.jacobian)
+    )
+    return sorted([*exact, *result[_EXACT:]], key=lambda pair: -pair[0])
 
 
 def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:

@@ -106,7 +106,7 @@ class Predictor:
         constant = self._bench.value("coil_constant")
         columns = [self._with_error(windows, name) - rows for name in self._static]
         if self._unknowns.count:
-            columns += list(prediction.nuisance_jacobian(self._stated, rows).T)
+            columns += list(prediction.nuisance_jacobian(self._stated).T)
         changes = np.array([self._torques(balance, column) for column in columns])
         torque = np.array([coil.real, coil.imag, motor])
         errors = np.array([x - coil.real, y - coil.imag, spin - motor])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import chdtri
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.estimation.cost import ROUGH, Cost, log_determinant
@@ -244,7 +244,7 @@ class Estimation:
         An end beyond a bound of the parameter is the bound.
         """
         k, error = self.free(name), self.parameters[name].standard_error
-        best, root = self.parameters[name].value, math.sqrt(chi2_distribution.ppf(level, 1))
+        best, root = self.parameters[name].value, math.sqrt(chdtri(1, 1.0 - level))
         low, high = self.cost.bounds[:, k]
         ends = []
         with one_thread():
@@ -276,7 +276,7 @@ class Estimation:
         pair = [self.free(first), self.free(second)]
         if pair[0] == pair[1]:
             raise InputError(f"contour: {first} is given twice; allowed: two parameters")
-        root, own = math.sqrt(chi2_distribution.ppf(level, 2)), self.covariance.values[np.ix_(pair, pair)]
+        root, own = math.sqrt(chdtri(2, 1.0 - level)), self.covariance.values[np.ix_(pair, pair)]
         along = self.covariance.values[:, pair] @ np.linalg.inv(own)
         border = []
         with one_thread():

@@ -29,6 +29,7 @@ class Prediction:
         self.balances = tuple(balances)
         self.unknowns = unknowns
         self._states: OrderedDict[object, _State] = OrderedDict()
+        self._stated_columns: dict[Term, Array] = {}
 
     def rows(self, point: Point) -> Array:
         """Return the predicted rows of all recordings."""
@@ -43,7 +44,7 @@ class Prediction:
     def for_unknowns(self, unknowns: Unknowns) -> Prediction:
         """Return the same prediction for unknowns that have the same nuisances, with separate states."""
         result = copy(self)
-        result.unknowns, result._states = unknowns, OrderedDict()
+        result.unknowns, result._states, result._stated_columns = unknowns, OrderedDict(), {}
         return result
 
     def split(self, rows: Array) -> list[Array]:
@@ -51,13 +52,13 @@ class Prediction:
         edges = np.cumsum([len(b) for b in self.balances])[:-1]
         return np.split(rows, edges)
 
-    def nuisance_jacobian(self, point: Point, at: Array, before: Array | None = None) -> Array:
-        """Return the derivatives (N, q) of the rows by the nuisance unknowns, where the rows are `at`.
+    def nuisance_jacobian(self, point: Point, before: Array | None = None) -> Array:
+        """Return the derivatives (N, q) of the rows by the nuisance unknowns.
 
         Given those at another point, `before`, the columns of the instruments are taken from it: they hardly change
         with the state of the machine, and take longest.
         """
-        columns = []
+        at, columns = self.rows(point), []
         for k in range(self.unknowns.count):
             if before is not None and k in self.unknowns.of_instruments:
                 columns.append(before[:, k])
@@ -67,13 +68,12 @@ class Prediction:
             columns.append((self._moved(point, moved) - at) / _NUISANCE_STEP)
         return np.column_stack(columns)
 
-    def term_jacobian(self, term: Term, point: Point, at: Array, names: Sequence[str] | None = None) -> Array:
+    def term_jacobian(self, term: Term, point: Point, names: Sequence[str] | None = None) -> Array:
         """Return the derivatives of the rows by coefficients of a term (amplitudes zero where not given).
 
-        The term need not be in the point; the predicted rows there are `at` (N,). `names` are the coefficients, by
-        default all of the term.
+        The term need not be in the point. `names` are the coefficients, by default all of the term.
         """
-        columns = []
+        at, columns = self.rows(point), []
         for name in term.coefficients if names is None else names:
             own = dict(self.unknowns.present(term, point) or self.unknowns.null(term))
             step = _COEFFICIENT_STEP * self.unknowns.scale(term, name)
@@ -81,21 +81,26 @@ class Prediction:
             columns.append((self._changed(point, term, own) - at) / step)
         return np.column_stack(columns)
 
-    def amplitude_columns(self, term: Term, point: Point, at: Array, nuisance: Array) -> Array:
+    def amplitude_columns(self, term: Term, point: Point, nuisance: Array) -> Array:
         """Return the derivatives by the amplitudes of a term that is absent at a point.
 
         Those that equal a nuisance unknown are taken from `nuisance` (N, q), its derivatives nearby.
         """
         if same := self.unknowns.same_as(term):
             return np.column_stack([nuisance[:, k] / unit for k, unit in (same[n] for n in term.amplitudes)])
-        return self.term_jacobian(term, point, at, term.amplitudes)
+        return self.term_jacobian(term, point, term.amplitudes)
+
+    def known_as_stated(self, rows: Array, jacobian: Array) -> Prediction:
+        """Return the prediction with `as_stated` known from elsewhere."""
+        result = copy(self)
+        result.__dict__["as_stated"] = rows, jacobian
+        return result
 
     @cached_property
     def as_stated(self) -> tuple[Array, Array]:
         """The rows with all unknowns as stated (N,), and their derivatives by the nuisance unknowns (N, q)."""
         stated = self.unknowns.stated()
-        base = self.rows(stated)
-        return base, self.nuisance_jacobian(stated, base)
+        return self.rows(stated), self.nuisance_jacobian(stated)
 
     @cached_property
     def candidate_columns(self) -> Array:
@@ -103,14 +108,22 @@ class Prediction:
 
         Each is multiplied by its `Unknowns.scale`.
         """
-        stated = self.unknowns.stated()
-        base, nuisance = self.as_stated
-        columns = [np.zeros((len(base), 0))]
+        columns = [np.zeros((len(self.as_stated[0]), 0))]
         for term in self.unknowns.candidates():
             if term.effect is not None:
-                own = self.amplitude_columns(term, stated, base, nuisance)
+                own = self.stated_columns(term)
                 columns.append(own * [self.unknowns.scale(term, name) for name in term.amplitudes])
         return np.hstack(columns)
+
+    def stated_columns(self, term: Term) -> Array:
+        """Return the derivatives by the amplitudes of a term with everything as stated.
+
+        They hardly change with the state of the machine, so that they serve to rank terms.
+        """
+        if term not in self._stated_columns:
+            nuisance = self.as_stated[1]
+            self._stated_columns[term] = self.amplitude_columns(term, self.unknowns.stated(), nuisance)
+        return self._stated_columns[term]
 
     def _state(self, point: Point) -> _State:
         """Return bench parameters, states of the balances and predicted rows."""
@@ -121,7 +134,13 @@ class Prediction:
             self._states.move_to_end(key)
         else:
             values, effects = self.unknowns.values(point), self.unknowns.effects(point)
-            instants = [b.instants(values, effects) for b in self.balances]
+            # the last state is mostly a neighbour
+            begin: Sequence[Instants | None] = (
+                next(reversed(self._states.values()))[1] if self._states else [None] * len(self.balances)
+            )
+            instants = [
+                b.instants(values, effects, begin=at) for b, at in zip(self.balances, begin, strict=True)
+            ]
             rows = np.concatenate(
                 [b.rows_at(at, values) for b, at in zip(self.balances, instants, strict=True)]
             )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +24,8 @@ Array = NDArray[np.float64]
 
 #: Channels whose amplitudes a filter of unknown shape would distort.
 FILTERED = ("tilt", "coil_voltage")
+#: Fits that are kept: as many as fit into some bytes, at least a few.
+_FEWEST_FITS, _FITS_BYTES = 4, 1 << 26
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,10 @@ class Problem:
     base_jacobian: Array
     events: tuple[Event, ...] = ()
     removed: tuple[float, ...] = ()
+    #: The last fits: selection, validation and report ask for the same ones, mostly without one of the terms.
+    _fits: OrderedDict[tuple[tuple[Term, ...], int, int], tuple[Fit | None, Fit]] = field(
+        default_factory=OrderedDict, init=False, repr=False, compare=False
+    )
 
     @classmethod
     def of(cls, balances: Sequence[Balance], unknowns: Unknowns | Bench) -> Problem:
@@ -49,7 +56,11 @@ class Problem:
         For a bench in place of the unknowns, its parameters alone are unknown.
         """
         unknowns = Unknowns(unknowns) if isinstance(unknowns, Bench) else unknowns
-        prediction = Prediction(balances, unknowns)
+        return cls.predicted_by(Prediction(balances, unknowns))
+
+    @classmethod
+    def predicted_by(cls, prediction: Prediction) -> Problem:
+        """Return the problem of a prediction, see `of`."""
         base, jacobian = prediction.as_stated
         return cls(prediction, Noise.stated(prediction.balances, prediction.split(base)), base, jacobian)
 
@@ -86,13 +97,13 @@ class Problem:
         """Return the rows (N,) predicted at a point."""
         return self.prediction.rows(point)
 
-    def term_jacobian(self, term: Term, point: Point, at: Array, names: Sequence[str] | None = None) -> Array:
+    def term_jacobian(self, term: Term, point: Point, names: Sequence[str] | None = None) -> Array:
         """Return derivatives by the coefficients of a term, see `Prediction.term_jacobian`."""
-        return self.prediction.term_jacobian(term, point, at, names)
+        return self.prediction.term_jacobian(term, point, names)
 
-    def jacobian(self, point: Point, at: Array) -> Array:
+    def jacobian(self, point: Point) -> Array:
         """Return the derivatives of the rows by all unknowns, those by the nuisance unknowns taken as stated."""
-        return np.hstack([self.base_jacobian, *(self.term_jacobian(t, point, at) for t in point.terms)])
+        return np.hstack([self.base_jacobian, *(self.term_jacobian(t, point) for t in point.terms)])
 
     def with_noise(self, noise: Noise) -> Problem:
         """Return the problem with another noise."""
@@ -147,9 +158,17 @@ class Problem:
 
     def fit(self, terms: Sequence[Term], start: Fit | None = None, *, iterations: int = 12) -> Fit:
         """Fit the nuisance unknowns and the coefficients of `terms`, from `start` on, in at most so many iterations."""
+        key = tuple(terms), id(start), iterations
+        if key in self._fits:
+            self._fits.move_to_end(key)
+            return self._fits[key][1]
         objective = Objective(self.prediction, self.measured, self.noise, terms)
         columns = self._nuisance_columns(objective.terms, start)
-        return solve(objective, objective.start(start), columns, iterations=iterations)
+        found = solve(objective, objective.start(start), columns, iterations=iterations)
+        self._fits[key] = start, found  # the start is kept, so that no other object takes its identity
+        if len(self._fits) > max(_FEWEST_FITS, _FITS_BYTES // found.jacobian.nbytes):
+            self._fits.popitem(last=False)
+        return found
 
     def _nuisance_columns(self, terms: Sequence[Term], start: Fit | None) -> Array:
         """Return the derivatives by the nuisance unknowns to start a fit with.
@@ -178,7 +197,7 @@ class Problem:
         find the terms. A coefficient far above the noise needs exact derivatives: its error is then limited by that of
         a resistance or a heat capacity.
         """
-        fresh = self.prediction.nuisance_jacobian(fit, self.predict(fit))
+        fresh = self.prediction.nuisance_jacobian(fit)
         return self.fit(fit.terms, replace(fit, jacobian=np.hstack([fresh, fit.jacobian[:, self.count :]])))
 
     def fit_within(self, bound: float = STATED_RANGE) -> Fit:

@@ -79,12 +79,12 @@ class Objective:
 
     def nuisance_jacobian(self, at: Evaluated, before: Array | None = None) -> Array:
         """Return the derivatives of the rows by the nuisance unknowns, see `Prediction.nuisance_jacobian`."""
-        return self.prediction.nuisance_jacobian(at.point, at.predicted, before)
+        return self.prediction.nuisance_jacobian(at.point, before)
 
     def jacobian(self, at: Evaluated, nuisance_jacobian: Array) -> Array:
         """Return the derivatives of the rows by all unknowns, given those by the nuisance unknowns."""
         parts = [nuisance_jacobian]
-        parts += [self.prediction.term_jacobian(t, at.point, at.predicted) for t in self.terms]
+        parts += [self.prediction.term_jacobian(t, at.point) for t in self.terms]
         return np.hstack(parts)
 
     def design(self, jacobian: Array) -> Array:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc, fdtrc
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS
@@ -214,11 +214,9 @@ def whiteness(data: WindowResiduals, balances: Sequence[Balance], white: Array) 
             r = sum(float(p[lag:] @ p[:-lag]) for p in pieces if len(p) > lag) / square
             statistic += n * (n + 2.0) * r**2 / pairs
             correlation, lags = (r if lag == 1 else correlation), lag
-        p_order = float(stats.chi2.sf(statistic, lags)) if lags else 1.0
+        p_order = float(chdtrc(lags, statistic)) if lags else 1.0
         result.append(
-            Whiteness(
-                name, n, square / n, float(stats.chi2.sf(square / NOISE_TRUST**2, n)), correlation, p_order
-            )
+            Whiteness(name, n, square / n, float(chdtrc(n, square / NOISE_TRUST**2)), correlation, p_order)
         )
     return result
 
@@ -355,7 +353,7 @@ class _Squares:
         if k <= 0 or free < 3 or after <= 0.0 or self._total == 0.0:
             return 0.0, 1.0
         gain = max(rest - after, 0.0)
-        return gain / self._total, float(stats.f.sf(gain / k / (after / free), k, free))
+        return gain / self._total, float(fdtrc(k, free, gain / k / (after / free)))
 
     @property
     def share_of_base(self) -> float:

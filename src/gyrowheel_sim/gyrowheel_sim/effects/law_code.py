@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
+from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.pycode import PythonCodePrinter
 
 from gyrowheel_core import cache
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.complex_parts import split
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES
+from gyrowheel_sim.effects.quantities import REFERENCES
 from gyrowheel_sim.effects.registry import EffectValues
 from gyrowheel_sim.effects.targets import HELD_OUTPUTS, TARGETS, Entry, LawTarget, Place, entering
 from gyrowheel_sim.instruments.readings import Reading
@@ -266,23 +267,42 @@ def _term(entry: Entry, output: str) -> str:
 
 
 @functools.cache
-def array_law(effect: Effect, index: int) -> Callable[..., Any]:
+def array_law(effect: Effect, index: int) -> Callable[[Mapping[str, Any]], Any]:
     """Return law number `index` of an effect as a function of arrays.
 
     The function takes a mapping of the quantities of `QUANTITIES` and the coefficients by name; all broadcast.
     """
     law = effect.laws[index]
-    symbols = [q.symbol for q in QUANTITIES.values()] + [c.symbol for c in effect.coefficients]
-    names = [s.name for s in symbols]
-
-    def shared(expression: sp.Expr) -> Any:
-        # names that no coefficient has
-        return sp.cse(expression, symbols=sp.numbered_symbols("_s"), list=False)
-
-    function = sp.lambdify(symbols, law.expression, modules="numpy", cse=shared)
-
-    def evaluate(values: Mapping[str, Any]) -> Any:
-        return function(*(values[name] for name in names))
-
+    functions: dict[str, Any] = {"numpy": np, "functools": functools}
+    exec(compile(_array_source(law.expression), f"<law {index} of {effect.name}>", "exec"), functions)
+    evaluate: Callable[[Mapping[str, Any]], Any] = functions["evaluate"]
     evaluate.__doc__ = f"{law.target} [{TARGETS[law.target].unit}] of {effect.name}."
     return evaluate
+
+
+def _array_source(expression: sp.Expr) -> str:
+    """Return the source of the function ``evaluate`` of an expression, kept on disk by the text of the expression."""
+    name = f"array_{cache.digest(_own_text(), sp.srepr(expression), sp.__version__)}"
+    if (kept := cache.read(name)) is not None:
+        return kept.decode()
+    names = {"conjugate": "numpy.conjugate"}
+    printer = NumPyPrinter({"fully_qualified_modules": True, "inline": True, "user_functions": names})
+    # names that no coefficient has
+    shared, (result,) = sp.cse([expression], symbols=sp.numbered_symbols("_s"))
+    lines = [
+        "def evaluate(_given):",
+        *(
+            f"    {printer.doprint(symbol)} = _given[{symbol.name!r}]"
+            for symbol in sorted(expression.free_symbols, key=str)
+        ),
+        *(f"    {printer.doprint(symbol)} = {printer.doprint(value)}" for symbol, value in shared),
+        f"    return {printer.doprint(result)}",
+    ]
+    text = "\n".join(lines) + "\n"
+    cache.write(name, text.encode())
+    return text
+
+
+@functools.cache
+def _own_text() -> str:
+    return resources.files("gyrowheel_sim").joinpath("effects/law_code.py").read_text(encoding="utf-8")
