@@ -573,6 +573,9 @@ def test_catalogue_as_json(gyrowheel: Shell):
     effect = gyrowheel.good("effects", "windage", "--json", "-").json
     assert set(effect["coefficients"]) == {"w", "n"}
     assert set(effect["look_alikes"]) == {"bearing_viscous", "bearing_coulomb"}
+    error = gyrowheel.good("effects", "coil_gain_error", "--json", "-").json
+    assert error["parameters"]["coil_constant"]["value"] == Bench.load().parameters["coil_constant"].value
+    assert "coil_heating" in error["look_alikes"]
     plans = gyrowheel.good("plans", "--json", "-").json["plans"]
     assert {"quick", "check"} <= {plan["name"] for plan in plans}
     plan = gyrowheel.good("plans", "quick", "--json", "-").json

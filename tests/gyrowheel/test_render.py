@@ -17,7 +17,15 @@ from hypothesis import strategies as st
 from rich.console import RenderableType
 
 from gyrowheel.air_flow.page import check_page, table_page
-from gyrowheel.catalogue.page import bench_page, effect_list, effect_page, plan_list, plan_page
+from gyrowheel.catalogue.page import (
+    bench_page,
+    effect_list,
+    effect_page,
+    parameter_error_page,
+    plan_list,
+    plan_page,
+)
+from gyrowheel.catalogue.parameter_error import parameter_error
 from gyrowheel.comparison.page import channel_table
 from gyrowheel.diagnosis.page import detection_limits, following
 from gyrowheel.diagnosis.page import diagnosis_page as rendered
@@ -26,7 +34,7 @@ from gyrowheel.models.page import model_page
 from gyrowheel.show.error_table import fall
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import commands, figures_table, plain_text, words_table
-from gyrowheel.show.sentences.diagnosis import form_sentence, verdict_sentence
+from gyrowheel.show.sentences.diagnosis import ERROR_TITLES, form_sentence, verdict_sentence
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel_air.check import check_table
 from gyrowheel_air.table import TorqueTable
@@ -182,6 +190,10 @@ SHIPPED_TABLES: dict[str, Callable[[], Iterable[RenderableType]]] = {
     **{f"bench {name}": partial(bench_page, Bench.load(name)) for name in ("gyrowheel", "dtg")},
     "effects": lambda: effect_list(registry().values()),
     **{f"effect {e.name}": partial(effect_page, e) for e in registry().values()},
+    **{
+        f"error {name}": partial(parameter_error_page, parameter_error(name, Bench.load()))
+        for name in ERROR_TITLES
+    },
     "plans": lambda: plan_list(map(Plan.load, Plan.shipped())),
     **{f"plan {name}": partial(plan_page, Plan.load(name)) for name in Plan.shipped()},
     "limits": lambda: detection_limits(

@@ -11,10 +11,13 @@ from rich.text import Text
 
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import command, figures_table, heading, indented, sentences, words_table
+from gyrowheel.show.sentences.diagnosis import ERROR_TITLES
+from gyrowheel_analysis.criteria import ERROR_LIMIT
 from gyrowheel_core.quantities import minus, quantity, seconds, short, span, with_error
 from gyrowheel_core.units import DEG, RPM
 
 if TYPE_CHECKING:
+    from gyrowheel.catalogue.parameter_error import ParameterError
     from gyrowheel.catalogue.plan_check import CheckedPlan, Outlook
     from gyrowheel_analysis.capability import Reach
     from gyrowheel_control.plans.demands import Segment
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def effect_list(effects: Iterable[Effect]) -> Iterator[RenderableType]:
-    """Yield all effects, a line each, grouped by category."""
+    """Yield all effects, a line each, grouped by category, and the errors of bench parameters."""
     table = words_table("effect", "what it is", whole=(0,))
     shown = list(effects)
     for category in dict.fromkeys(effect.category for effect in shown):
@@ -33,6 +36,9 @@ def effect_list(effects: Iterable[Effect]) -> Iterator[RenderableType]:
         for effect in shown:
             if effect.category == category:
                 table.add_row(Text(f"  {effect.name}", style="cyan"), effect.title)
+    table.add_row(Text("errors of bench parameters", style="bold"), "")
+    for name, title in ERROR_TITLES.items():
+        table.add_row(Text(f"  {name}", style="cyan"), title)
     yield table
     yield Text("\nMore about one:", style="dim")
     yield command("gyrowheel effects windage")
@@ -64,6 +70,38 @@ def effect_page(effect: Effect) -> Iterator[RenderableType]:
     if effect.look_alikes:
         yield heading("Confounders, and how to separate them")
         yield from sentences(f"{name}: {test}" for name, test in effect.look_alikes.items())
+
+
+def parameter_error_page(error: ParameterError) -> Iterator[RenderableType]:
+    """Yield the description of an error of bench parameters."""
+    yield Text.assemble((error.name, "bold cyan"), f"  {ERROR_TITLES[error.name]}")
+    many = len(error.parameters) > 1
+    yield Text(
+        f"\nThe bench file states {'these parameters' if many else 'this parameter'} with an uncertainty, and every "
+        f"fit estimates {'them' if many else 'it'} within that. A diagnosis reports an error where the recordings "
+        f"contradict the bench file by more than {ERROR_LIMIT:g} of these uncertainties. No law is missing then: "
+        "correct the bench file, or let the model override the parameter.\n"
+    )
+    table = words_table("parameter", "value", "source")
+    for p in error.parameters:
+        table.add_row(Text(p.name, style="bold"), with_error(p.value, p.uncertainty, p.unit), minus(p.source))
+    yield indented(table)
+    if error.look_alikes:
+        yield heading("Confounders, and how to separate them")
+        yield from sentences(f"{name}: {test}" for name, test in error.look_alikes.items())
+
+
+def parameter_error_json(error: ParameterError) -> dict[str, Any]:
+    """Return the description of an error of bench parameters as a JSON object, SI units."""
+    return {
+        "name": error.name,
+        "title": ERROR_TITLES[error.name],
+        "parameters": {
+            p.name: {"value": p.value, "uncertainty": p.uncertainty, "unit": p.unit, "source": p.source}
+            for p in error.parameters
+        },
+        "look_alikes": dict(error.look_alikes),
+    }
 
 
 def possible_sizes(effect: Effect) -> list[str]:

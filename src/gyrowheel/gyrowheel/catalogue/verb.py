@@ -18,12 +18,23 @@ def effects(
     bench: BenchName = "gyrowheel",
     json: Json = None,
 ) -> None:
-    """List the known effects, or show one in full, with its usual sizes on a bench."""
+    """List the known effects, or show one in full, with its usual sizes on a bench.
+
+    Errors of bench parameters that a diagnosis can report are shown by their names, such as coil_gain_error.
+    """
     from gyrowheel.catalogue import page as render
     from gyrowheel.catalogue.api import effect_on, load_bench
     from gyrowheel.catalogue.api import effects as known
+    from gyrowheel.show.sentences.diagnosis import ERROR_TITLES
 
     loaded = load_bench(bench)
+    if name in ERROR_TITLES:
+        from gyrowheel.catalogue.parameter_error import parameter_error
+
+        error = parameter_error(name, loaded)
+        shown = {"schema": 1, **render.parameter_error_json(error)}
+        put_content(json, shown, render.parameter_error_page(error))
+        return
     chosen = [effect_on(effect, loaded) for effect in (known if name is None else [name])]
     if name is None:
         content: dict[str, Any] = {"effects": [render.effect_json(effect) for effect in chosen]}

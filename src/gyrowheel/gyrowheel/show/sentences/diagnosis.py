@@ -78,7 +78,7 @@ ERROR_TITLES = {
     "gimbal_inertia_error": "gimbal inertia differs from the bench file",
     "shaft_inertia_error": "shaft inertia differs from the bench file",
     "rotor_inertia_error": "rotor spin inertia differs from the bench file",
-    "coil_gain_error": "torque constant of the coils differs from the bench file",
+    "coil_gain_error": "coil torque constant differs from the bench file",
     "motor_constant_error": "motor constant differs from the bench file",
 }
 _COUNTS = {2: "Two", 3: "Three", 4: "Four"}
