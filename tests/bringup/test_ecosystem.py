@@ -49,7 +49,7 @@ PACKAGES = sorted(path.parent.name for path in SRC.glob("*/package.xml"))
 NODES = {
     "gyrowheel_sim": {"plant_node"},
     "gyrowheel_control": {"controller_node", "conductor_node", "joint_commands_node"},
-    "gyrowheel_recording": {"recorder_node", "replay_node"},
+    "gyrowheel_recording": {"bridge_node", "recorder_node", "replay_node"},
     "gyrowheel_analysis": {"drag_estimator_node"},
     "gyrowheel_bringup": {"foxglove_node", "plan_client_node"},
 }

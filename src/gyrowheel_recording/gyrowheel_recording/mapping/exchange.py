@@ -100,7 +100,7 @@ def import_table(
     if wrong:  # all at once
         raise InputError("; ".join([wrong[0], *(text.removeprefix(f"{table.path}: ") for text in wrong[1:])]))
     remarks = [*clock.remarks, *table.remarks]
-    origins = _assumed(column_map)
+    origins = assumed(column_map)
     angle = column_map.columns.get("spin_angle")
     pulses, angle = (angle, None) if angle is not None and angle.pulses else (None, angle)
     if angle is not None and (step := table.clock_step(angle)) > clock.period:
@@ -151,7 +151,7 @@ def import_table(
     return Imported(len(sequence), length, 1.0 / clock.period, tuple(remarks))
 
 
-def _assumed(column_map: ColumnMap) -> dict[str, Origin]:
+def assumed(column_map: ColumnMap) -> dict[str, Origin]:
     """Return the uncertainties of assumed values, where the map states them."""
     return column_map.readings | {
         name: Origin(source.uncertainty * conversion(source.unit, READINGS[name].unit)[1])

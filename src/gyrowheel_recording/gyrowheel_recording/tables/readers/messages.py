@@ -1,11 +1,15 @@
-"""Messages of ROS as columns: every number in them by its place, and their stamps."""
+"""Messages of ROS as columns: every number in them by its place, and their stamps.
+
+Messages of rosbags and of rclpy are read alike.
+"""
 
 from __future__ import annotations
 
 import functools
 import operator
+from array import array
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields as fields_of
 from typing import Any, Final
 
 import numpy as np
@@ -78,7 +82,7 @@ class TopicColumns:
                 if place not in self.parts and (self._wanted is None or place in self._wanted):
                     self.parts[place] = pick
                     self.values[place] = _Values(self.count)
-        self.stamps.append(_stamp(message))
+        self.stamps.append(stamp_of(message))
         self.logged.append(logged)
         for place, pick in self.parts.items():
             self.values[place].append(pick(message))
@@ -183,7 +187,7 @@ def _times(parts: Mapping[str, TopicColumns], remarks: list[str]) -> tuple[dict[
     return times, kept
 
 
-def _stamp(message: Any) -> int:
+def stamp_of(message: Any) -> int:
     """Return the stamp of a message [ns], in its header or without one; 0 if there is no stamp."""
     for holder in (getattr(message, "header", None), message):
         stamp = getattr(holder, _STAMP, None)
@@ -193,13 +197,26 @@ def _stamp(message: Any) -> int:
 
 
 def _is_message(value: Any) -> bool:
-    return hasattr(value, "__dataclass_fields__")
+    return hasattr(value, "__dataclass_fields__") or hasattr(value, "get_fields_and_field_types")
+
+
+def _fields(message: Any) -> list[str]:
+    """Return the names of the fields of a message, without constants."""
+    if hasattr(message, "__dataclass_fields__"):
+        return [own.name for own in fields_of(message) if own.name != "__msgtype__"]
+    return list(message.get_fields_and_field_types())
+
+
+def _value(message: Any, name: str) -> Any:
+    """Return a field of a message, lists of numbers as an array."""
+    value = getattr(message, name)
+    return np.asarray(value) if isinstance(value, array) else value
 
 
 def _varies(message: Any, depth: int = 0) -> bool:
     """Whether messages like one may have other elements, or other names of elements."""
-    for own in fields(message):
-        value = getattr(message, own.name)
+    for own in _fields(message):
+        value = _value(message, own)
         if isinstance(value, list) or (isinstance(value, np.ndarray) and depth < _DEEPEST):
             return True
         if _is_message(value) and depth < _DEEPEST and _varies(value, depth + 1):
@@ -210,13 +227,13 @@ def _varies(message: Any, depth: int = 0) -> bool:
 def _shape(message: Any) -> Any:
     """Return what the places of the numbers in a message depend on: names of its elements, and how many there are."""
     found: list[Any] = []
-    for own in fields(message):
-        value = getattr(message, own.name)
+    for name in _fields(message):
+        value = _value(message, name)
         if isinstance(value, list):
             found.append(tuple(own if isinstance(own, str) else _shape_of(own) for own in value[:_MOST]))
         elif isinstance(value, np.ndarray):
             found.append(value.size)
-        elif _is_message(value) and own.name != "header":
+        elif _is_message(value) and name != "header":
             found.append(_shape(value))
     return tuple(found)
 
@@ -236,12 +253,12 @@ def _identity(item: Any) -> str:
 
 def _labels(message: Any) -> tuple[str, tuple[str, ...]]:
     """Return the field with the names that a message gives to its elements, as those of joints, and the names."""
-    for own in fields(message):
-        if own.name in ("name", "names") or own.name.endswith("_names"):
-            names = getattr(message, own.name)
+    for own in _fields(message):
+        if own in ("name", "names") or own.endswith("_names"):
+            names = getattr(message, own)
             named = isinstance(names, list) and all(isinstance(label, str) and label for label in names)
             if named and names and len(set(names)) == len(names):
-                return own.name, tuple(names)
+                return own, tuple(names)
     return "", ()
 
 
@@ -252,10 +269,10 @@ def _numbers(message: Any, place: str, unread: dict[str, str], depth: int = 0) -
     """
     found: list[tuple[str, Pick]] = []
     field, labels = _labels(message)
-    for own in (field.name for field in fields(message)):  # without constants
-        if own == "__msgtype__" or (own == "header" and not place):
+    for own in _fields(message):
+        if own == "header" and not place:
             continue
-        value, where = getattr(message, own), f"{place}.{own}"
+        value, where = _value(message, own), f"{place}.{own}"
         if isinstance(value, bool | int | float | np.number):
             found.append((where, operator.attrgetter(own)))
         elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
@@ -308,6 +325,11 @@ def _listed(
     return found
 
 
+def numbers_in(message: Any) -> dict[str, Pick]:
+    """Return how each number of a message is taken out of another one like it, by its place such as ``.field.0``."""
+    return dict(_numbers(message, "", {}))
+
+
 def _within(name: str, take: Pick, message: Any) -> Any:
     return take(getattr(message, name))
 
@@ -334,11 +356,11 @@ def _item_labelled(name: str, field: str, label: str, message: Any) -> Any:
 
 def _element(name: str, k: int, message: Any) -> Any:
     """Return an element of an array in a message, NaN where it is shorter than the first one was."""
-    flat = getattr(message, name).ravel()
+    flat = _value(message, name).ravel()
     return flat[k] if k < len(flat) else np.nan
 
 
 def _labelled(name: str, field: str, label: str, message: Any) -> Any:
     """Return the element of an array that a message calls so, NaN where it has none."""
-    flat, labels = getattr(message, name).ravel(), getattr(message, field)
+    flat, labels = _value(message, name).ravel(), getattr(message, field)
     return flat[labels.index(label)] if label in labels and len(flat) == len(labels) else np.nan
