@@ -12,6 +12,9 @@ from hypothesis import HealthCheck, settings
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Before numpy is imported: threads that wait for small matrices take the processor from the other tests.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # Hundreds of processes import the same modules: they need not be compiled in each.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 

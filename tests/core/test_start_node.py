@@ -102,7 +102,7 @@ def test_forked_nodes_end_as_nodes_that_are_started_alone(tmp_path: Path) -> Non
         ended = dict(launcher.stdout.readline().split() for _ in range(2))
         assert ended == {b"%d" % pids[0]: b"0", b"%d" % pids[1]: b"3"}
         log = tmp_path / "waits.log"
-        while "\n" not in log.read_text():
+        while not log.exists() or "\n" not in log.read_text():
             time.sleep(0.02)
         words = Path(f"/proc/{pids[2]}/cmdline").read_bytes().rstrip(b"\0").split(b"\0")
         assert words == [b"python3", b"-P", b"-m", b"gyrowheel_core.start_node", b"forked", b"waits", b"b c"]

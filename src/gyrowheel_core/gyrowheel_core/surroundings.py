@@ -83,7 +83,10 @@ VARIABLES: Final = (
         "a whole number, 1 .. 100000",
         lambda value: _whole(value, 1, 100_000),
     ),
-    Variable("OPENBLAS_NUM_THREADS", "Threads of linear algebra; no result depends on it"),
+    Variable(
+        "OPENBLAS_NUM_THREADS",
+        "Threads of linear algebra; 1 if not set, as matrices are small; no result depends on it",
+    ),
     Variable("PYTHONPATH", "Folders with Python packages, before those of the environment of the bench"),
     Variable("PYTHONWARNINGS", "Warnings of libraries; `error` is passed over"),
     Variable("AMENT_PREFIX_PATH", "Folders with further ROS packages, after the environment of the bench"),
@@ -139,6 +142,9 @@ def begin() -> None:
         If a variable has a value with which nothing works.
     """
     os.environ[_SAFE] = "1"  # a Python that is started with -m has the current folder first in its path
+    os.environ.setdefault(
+        "OPENBLAS_NUM_THREADS", "1"
+    )  # to share small matrices costs more than to compute them
     os.environ["MPLBACKEND"] = "agg"  # pictures are files: no name of a window system is looked up
     if any(own[0] == "error" for own in warnings.filters):
         os.environ.pop("PYTHONWARNINGS", None)

@@ -274,20 +274,25 @@ def _leakage(
     the torques per volt.
     """
     n = len(design)
-    waves = np.fft.fft(design, axis=0)
-    leverage = np.einsum("kp,pq,kq->k", waves.conj(), gram, waves).real / n
+    waves = np.fft.rfft(
+        design, axis=0
+    )  # of real columns: those at negative frequencies are the conjugate ones
+    leverage = np.einsum("kp,kp->k", waves.conj() @ gram, waves).real / n
     between = leverage < 0.5  # the fit leaves nothing at the frequencies that it describes
+    ahead, back = np.flatnonzero(between), np.flatnonzero(between[1 : (n + 1) // 2]) + 1
+    tilt, voltage = np.fft.fft(left[:, [_TILT, _COIL]], axis=0).T
     mean = MEAN[:MODULATION]
     blocks = gram[degree:].reshape(len(FORWARD), 2, MODULATION, -1)
     result = []
     for k, (stiff, constant) in enumerate(zip(resistance, coil, strict=True)):
-        torque = constant * left[:, _COIL] - stiff * left[:, _TILT]
+        power = np.abs(constant * voltage - stiff * tilt) ** 2 / n
         white = 2.0 * ((stiff * noise[0]) ** 2 + (abs(constant) * noise[1]) ** 2)
-        power = np.abs(np.fft.fft(torque)[between]) ** 2 / n / (1.0 - leverage[between])
         weights = 0.5 * (mean @ blocks[k, 0] - 1j * (mean @ blocks[k, 1]))
-        # the response of the estimate to each frequency
-        response = np.abs(weights @ waves[:, :].conj().T)[between] ** 2
-        result.append(max(0.5 * float((power - white) @ response) / n, 0.0))
+        # the response of the estimate to each frequency, positive and negative
+        positive, negative = np.abs(waves.conj() @ weights) ** 2, np.abs(waves @ weights) ** 2
+        leaked = (power[ahead] / (1.0 - leverage[ahead]) - white) @ positive[ahead]
+        leaked += (power[n - back] / (1.0 - leverage[back]) - white) @ negative[back]
+        result.append(max(0.5 * float(leaked) / n, 0.0))
     return np.array(result)
 
 
