@@ -171,9 +171,8 @@ def run_node(node_class: type[BenchNode], arguments: Sequence[str] | None = None
         print(parameter_help(node_class))
         return ExitCode.OK
     signals = StopSignals()
-    if hasattr(
-        sys.stderr, "fileno"
-    ):  # where it hangs can be asked for: by Ctrl-\, and by `up` before it kills
+    # where it hangs can be asked for: by Ctrl-\, and by `up` before it kills
+    with contextlib.suppress(AttributeError, ValueError, RuntimeError):  # where stderr is no file
         faulthandler.register(signal.SIGQUIT, chain=True)
     try:
         with _ros(arguments):
