@@ -137,17 +137,13 @@ def add_effect(
     events = with_sizes(problem, after, happened, [str(r.path) for r in fit])
     if prepared.validation is not None:
         events += unused_events(prepared.validation.problem, after, validate)
-    errors = errors_of(before, after, prepared, explanation.problem.noise)
+    errors = errors_of(before, after, prepared, explanation.fitted)
     coefficients = {term.name: estimates(problem, term, after) for term in terms}
-    doubts = _doubts(problem, after, terms, air)
+    doubts = doubts_of(problem, after, terms, air)
     for name, found, own_doubts in _found_air(problem, after, air):
         coefficients[name] = found
         doubts += own_doubts
-    overrides = {
-        name: Override(n.value, n.standard_error)
-        for name, n in nuisance_estimates(problem, after).items()
-        if name not in problem.unknowns.assumed  # a property of the air of the day, not of the machine
-    }
+    overrides = overrides_of(problem, after)
     entry: dict[str, Any] = {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "what": _what([n for n in names if isinstance(n, str) and is_air(n)], terms, model),
@@ -155,9 +151,9 @@ def add_effect(
         "validate": [str(r.path) for r in validate],
         "error": errors.table.to_json(),
     }
-    if restated := _restated(problem, terms, overrides):
+    if restated := restated_by(problem, terms, overrides):
         entry["restated"] = restated
-    effects, effect_errors = _effects(model, problem, after, coefficients)
+    effects, effect_errors = effects_of(model, problem, after, coefficients)
     changed = model.changed(
         entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
     )
@@ -169,7 +165,16 @@ def add_effect(
     )
 
 
-def _doubts(
+def overrides_of(problem: Problem, after: Fit) -> dict[str, Override]:
+    """Return the bench parameters as fitted."""
+    return {
+        name: Override(n.value, n.standard_error)
+        for name, n in nuisance_estimates(problem, after).items()
+        if name not in problem.unknowns.assumed  # a property of the air of the day, not of the machine
+    }
+
+
+def doubts_of(
     problem: Problem, after: Fit, terms: Sequence[Term], air: Mapping[str, Mapping[str, tuple[float, float]]]
 ) -> list[Doubt]:
     """Return the reasons to doubt the added terms and the effects of the model, except those of the air."""
@@ -203,7 +208,7 @@ def _bounded(problem: Problem, after: Fit) -> Iterator[tuple[str, str]]:
             yield after.columns[int(np.argmax(alike))][0], name
 
 
-def _effects(
+def effects_of(
     model: Model, problem: Problem, after: Fit, added: Mapping[str, Mapping[str, Estimate]]
 ) -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
     """Return the coefficients of all effects of the new model, and their standard errors."""
@@ -258,7 +263,7 @@ def _asked(model: Model, start: Model, names: Sequence[str | Effect]) -> tuple[l
     return terms, declared
 
 
-def _restated(
+def restated_by(
     problem: Problem, terms: Sequence[Term], overrides: Mapping[str, Override]
 ) -> dict[str, dict[str, float]]:
     """Return the bench parameters whose errors were added, with their values and standard errors in the new model."""

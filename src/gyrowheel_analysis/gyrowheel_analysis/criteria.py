@@ -60,6 +60,13 @@ EXPONENT_KNOWN: Final = 0.25
 EXPONENT_WITHIN: Final = 2.0
 EXPONENT_CLOSE: Final = 0.05
 
+# --- correction map ---
+
+#: Part of the range of a map by which speeds and tilts may exceed it, and temperatures [K] by which those of the coils
+#: may: a plan that is run again differs by less. Higher relies on a torque that nobody measured.
+MAP_MARGIN: Final = 0.03
+MAP_WARMER: Final = 3.0
+
 # --- events and shapes of drifts ---
 
 #: Gain of an event beyond the largest one by chance among all times. Lower invents events in quiet recordings,

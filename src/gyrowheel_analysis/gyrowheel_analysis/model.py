@@ -53,6 +53,10 @@ def _flat(content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "bench", str(content["bench"])
     for part in ("overrides", "effects"):
         for name, entry in content[part].items():
+            if "map" in entry.get("declaration", {}):
+                recordings = ", ".join(entry["declaration"]["map"]["recordings"])
+                yield f"{part}.{name}", f"map of {len(entry) - 1} coefficients, from {recordings}"
+                continue
             if "declaration" in entry:
                 for key, value in _flat_declaration(entry["declaration"]):
                     yield f"{part}.{name}.{key}", value

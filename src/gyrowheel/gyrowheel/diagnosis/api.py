@@ -96,6 +96,20 @@ class Diagnosis(Result, facts.Diagnosis):
         subtitle = "   ".join(f"{f.name}: {coefficients_line(f)}" for f in self.effects)
         return error_figure(self.residuals, self.error, title=self.sentence.rstrip("."), subtitle=subtitle)
 
+    def plot_map(self) -> Figure:
+        """Return the map of the missing torque over the tilts, speed by speed.
+
+        Raises
+        ------
+        InputError
+            If the diagnosis has no map.
+        """
+        from gyrowheel.diagnosis.picture import map_figure
+
+        if self.map is None:
+            raise InputError(f"diagnosis: no map to draw: {self.sentence}")
+        return map_figure(self.map)
+
 
 def diagnose(
     recordings: Recordings,

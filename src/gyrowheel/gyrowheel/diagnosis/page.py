@@ -16,6 +16,7 @@ from gyrowheel.comparison.page import coverage, failures, readings
 from gyrowheel.show.error_table import error_table
 from gyrowheel.show.formulas import is_pure, pretty
 from gyrowheel.show.layout import Unbroken, command, heading, indented, sentences, words_table
+from gyrowheel.show.sentences.correction import map_sentences
 from gyrowheel.show.sentences.diagnosis import (
     evidence,
     form_sentence,
@@ -93,7 +94,9 @@ def error_section(result: Diagnosis) -> Iterator[RenderableType]:
     """Yield the error without and with the findings; nothing without an error table."""
     if result.error is not None:
         yield heading(
-            "Error before and after" if result.effects or result.instruments or result.free_form else "Error"
+            "Error before and after"
+            if result.effects or result.instruments or result.free_form or result.map
+            else "Error"
         )
         yield indented(error_table(result.error))
 
@@ -111,6 +114,9 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
     yield from _instruments(result.instruments)
     for form in result.free_form:
         yield from _free_form(form)
+    if result.map is not None:
+        yield Text.assemble((f"\n{result.map.effect.name}", "bold cyan"), "  map of the missing torque")
+        yield from sentences(map_sentences(result.map))
     if result.next_test is not None:
         test = result.next_test
         yield heading("Test that would show more" if result.verdict in _SETTLED else "Test that settles it")
@@ -260,9 +266,11 @@ def following(
     `machine` has the options for the machine that the recordings are of.
     """
     proof = result.proof
-    if proof is not None and proof.proven is False and validate:
+    if proof is not None and proof.proven is False and validate and result.map is None:
         # an effect of the validation recordings alone shows only where they are fitted too
         return diagnosing([*directories, *validate], model, averages=averages)
+    if result.map is not None and not result.free_form:
+        return adding(["--map"], directories, validate, model)
     if result.verdict == "effect" or result.free_form:
         names = list(result.ties)
         names += [f"--formula {shlex.quote(f'{form.name}: {form.formula}')}" for form in result.free_form]

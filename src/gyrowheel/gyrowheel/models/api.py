@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from gyrowheel.recordings.api import refuse_wrong_setups
 from gyrowheel.recordings.inputs import Recordings, Say, data, opened, opened_apart, require_one_machine
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from gyrowheel.models.addition import Addition
     from gyrowheel.models.estimation import Fit
+    from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.model import Override
     from gyrowheel_sim.bench import Bench
@@ -114,7 +115,7 @@ class Model(Shown):
 
     def add(
         self,
-        what: Diagnosis | str | Effect | Sequence[str | Effect],
+        what: Diagnosis | CorrectionMap | str | Effect | Sequence[str | Effect],
         *,
         fit: Recordings,
         validate: Recordings = (),
@@ -125,10 +126,11 @@ class Model(Shown):
 
         Parameters
         ----------
-        what : Diagnosis, str, Effect or a sequence of these two
-            A diagnosis: all effects that it found. A name is that of an effect (`gyrowheel.effects`) or of
-            the error of a bench parameter (``stiffness_error`` and the like); ``aero:MODEL`` stands for all
-            effects of an air model. `gyrowheel.own_effect` makes an effect from a formula.
+        what : Diagnosis, CorrectionMap, str, Effect or a sequence of these two
+            A diagnosis: all effects that it found, or its map where it found no law. A map is the missing torque as a
+            smooth function: that of a diagnosis (``found.map``), or ``map`` for one that is fitted now. A name is that
+            of an effect (`gyrowheel.effects`) or of the error of a bench parameter (``stiffness_error`` and the like);
+            ``aero:MODEL`` stands for all effects of an air model. `gyrowheel.own_effect` makes one from a formula.
         fit : Recording, path or list
             Recordings on which coefficients and bench parameters are fitted.
         validate : Recording, path or list, optional
@@ -146,20 +148,27 @@ class Model(Shown):
         Raises
         ------
         InputError
-            If an effect is unknown or already in the model, the diagnosis names nothing or cannot decide, or the
-            recordings have too little steady motion.
+            If an effect is unknown or already in the model, the diagnosis names nothing or cannot decide, no map
+            predicts data that are left out, or the recordings have too little steady motion.
         """
         from gyrowheel.models.addition import Addition
         from gyrowheel_analysis.add import add_effect
+        from gyrowheel_analysis.add_map import add_map
 
-        chosen = _chosen(what)
+        mapped = _map_of(what)
+        chosen = [] if mapped is not None else _chosen(what)  # type: ignore[arg-type]
         for item in chosen:
             if isinstance(item, str):
                 require_known(item)
         fitted, unused = opened_apart(fit, validate)
         require_one_machine(data([*fitted, *unused]), mixed=mixed)
         refuse_wrong_setups([*fitted, *unused], self._details, mixed=mixed)
-        found = add_effect(self._details, chosen, data(fitted), data(unused), progress=progress)
+        own, others = data(fitted), data(unused)
+        if mapped is None:
+            found = add_effect(self._details, chosen, own, others, progress=progress)
+        else:
+            given = None if isinstance(mapped, str) else mapped
+            found = add_map(self._details, own, others, given, progress=progress)
         return Model.of(found.model, Addition.of(found))
 
     def fit(
@@ -341,6 +350,8 @@ def effects_to_add(found: Diagnosis) -> list[str | Effect]:
             raise InputError(
                 f"diagnosis: the recordings cannot decide between {names}; name the effect to add{test}"
             )
+    if found.verdict == "unknown" and not found.free_form and found.map is not None:
+        raise InputError("diagnosis: no law to add, but a map: give found.map to Model.add")
     if found.verdict == "unknown" and not found.free_form:
         raise InputError(f"diagnosis: nothing to add: {verdict_sentence(found)}")
     chosen: list[str | Effect] = list(found.ties)
@@ -348,6 +359,20 @@ def effects_to_add(found: Diagnosis) -> list[str | Effect]:
     if not chosen:
         raise InputError(f"diagnosis: nothing to add, its verdict is {found.verdict}")
     return chosen
+
+
+def _map_of(what: object) -> CorrectionMap | Literal["map"] | None:
+    """Return the map that is to be added, ``map`` for one that is still to be fitted; None for anything else."""
+    from gyrowheel_analysis.diagnosis.correction_map import NAME, CorrectionMap
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
+
+    if isinstance(what, Diagnosis):
+        return what.map if what.verdict == "unknown" and not what.free_form else None
+    every = [what] if isinstance(what, str) or not isinstance(what, Sequence) else list(what)
+    maps = [item for item in every if item == NAME or isinstance(item, CorrectionMap)]
+    if maps and len(every) > 1:
+        raise InputError("effect: a map is fitted to all that is missing; add it alone")
+    return maps[0] if maps else None  # type: ignore[return-value]
 
 
 def _chosen(what: Diagnosis | str | Effect | Sequence[str | Effect]) -> list[str | Effect]:

@@ -12,10 +12,12 @@ from rich.text import Text
 from gyrowheel.show.error_table import error_table
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import heading, indented, sentences, words_table
+from gyrowheel.show.sentences.correction import range_text
 from gyrowheel.show.sentences.diagnosis import conflict_sentences, error_sentences, prior_sentences
 from gyrowheel.show.sentences.findings import event_sentences
 from gyrowheel.show.sentences.proof import doubt_sentence, proof_line
 from gyrowheel_core.quantities import decimal, fixed, with_error
+from gyrowheel_sim.effects.torque_map import TorqueMap
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.add import Added
@@ -117,7 +119,10 @@ def _changed_effect(name: str, old: Model, new: Model) -> Iterator[Text]:
 
 
 def _coefficients(model: Model, name: str) -> dict[str, str]:
-    """Return the coefficients of an effect with their errors, for people."""
+    """Return the coefficients of an effect with their errors, for people; of a map what they are."""
+    effect = model.library[name]
+    if isinstance(effect, TorqueMap):
+        return {"range": range_text(effect), "coefficients": str(len(model.effects[name]))}
     units = {c.name: (c.unit, c.shape is not None) for c in model.library[name].coefficients}
     errors = model.effect_errors.get(name, {})
     return {
@@ -152,6 +157,11 @@ def _effects(model: Model) -> RenderableType:
     table = words_table("", "", "")
     for name, values in model.effects.items():
         effect = model.library[name]
+        if isinstance(effect, TorqueMap):
+            table.add_row(Text(name, style="cyan"), "range", range_text(effect))
+            made = ", ".join(Path(path).name for path in effect.recordings)
+            table.add_row("", "made from", f"{made}; {len(values)} coefficients")
+            continue
         units = {c.name: (c.unit, c.shape is not None) for c in effect.coefficients}
         first = Text(name, style="cyan")
         for key, value in values.items():

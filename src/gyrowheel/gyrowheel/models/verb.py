@@ -68,6 +68,13 @@ def add(
     ] = None,
     name: Annotated[str | None, option("--name NAME", "Name of the formula's effect.", "own")] = None,
     target: Annotated[str | None, option("--target T", "What the formula acts on.", "rotor_torque")] = None,
+    map_: Annotated[
+        bool,
+        option(
+            "--map",
+            "Add the missing torque as a smooth function of tilt, speed and temperature: no law needed.",
+        ),
+    ] = False,
     validate: Validation = None,
     mixed: Mixed = False,
     picture: ErrorPicture = None,
@@ -83,10 +90,14 @@ def add(
     with editing(model):
         loaded = Model.load(model)
         chosen: list[str | Effect] = [*(effects or ()), *_typed(formula or (), name, target, loaded)]
-        if not chosen:
-            raise InputError("nothing to add: name an effect, or give --formula")
+        if not chosen and not map_:
+            raise InputError("nothing to add: name an effect, or give --formula or --map")
+        if chosen and map_:
+            raise InputError("--map: is fitted to all that is missing; add it alone")
         for effect in effects or ():
             require_known(effect)
+        if map_:
+            chosen = ["map"]
         recordings, unused = opened_apart(fit, validate or ())
         with working("fitting") as say:
             better = loaded.add(chosen, fit=recordings, validate=unused, mixed=mixed, progress=say)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from gyrowheel.show.sentences.correction import map_sentences
 from gyrowheel.show.sentences.diagnosis import evidence, several, verdict_sentence
 from gyrowheel.show.sentences.findings import (
     event_sentence,
@@ -19,10 +20,12 @@ from gyrowheel.show.sentences.residuals import dependence_sentences, region_desc
 from gyrowheel.show.sentences.setup import cure_of, map_lines, misstated_sentence, problem
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.maps import maps_json
+from gyrowheel_sim.effects.torque_map import map_to_mapping
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
     from gyrowheel_analysis.compare import Comparison
+    from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
     from gyrowheel_analysis.diagnosis.result import (
         DatedEvent,
         Diagnosis,
@@ -103,6 +106,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             }
             for form in found.free_form
         ],
+        "map": None if found.map is None else map_json(found.map),
         "events": [event_json(event, several=many) for event in found.events],
         "turned": [event_json(event, several=many) for event in found.turned],
         "drift": dict(found.drift_scales),
@@ -137,6 +141,24 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "assumed": list(found.coverage.assumed),
         "coverage": found.coverage.to_json(),
         "versions": found.versions,
+    }
+
+
+def map_json(found: CorrectionMap) -> dict[str, Any]:
+    """Return a correction map as a JSON object."""
+    return {
+        "name": found.effect.name,
+        **map_to_mapping(found.effect),
+        "coefficients": {
+            name: {"value": value, "standard_error": found.errors[name], "unit": "N*m"}
+            for name, value in found.values.items()
+        },
+        "beside": {name: dict(values) for name, values in found.beside.items()},
+        **_picked(found, "gain orthogonal nearest nearest_share"),
+        "dependence": [asdict(item) for item in found.dependence],
+        "leading": [asdict(item) | {"powers": list(item.powers)} for item in found.leading],
+        "error": found.error.to_json(),
+        "sentences": map_sentences(found),
     }
 
 

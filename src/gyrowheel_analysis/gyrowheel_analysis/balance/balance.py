@@ -383,6 +383,10 @@ class Balance:
             state = self._pushed(state, law_torques(difference(new, old), values))
         return self.rows_at(state, values)
 
+    def pushed(self, at: Instants, values: Mapping[str, float], laws: Laws) -> Array:
+        """Return the predicted rows of a state `at` with further torques: laws on targets that are torques."""
+        return self.rows_at(self._pushed(at, law_torques(laws, values)), values)
+
     def moved(
         self,
         at: Instants,

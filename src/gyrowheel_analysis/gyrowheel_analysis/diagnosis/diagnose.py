@@ -17,6 +17,7 @@ from gyrowheel_analysis.criteria import (
     SETTLING_SEPARATION,
     USEFUL_SEPARATION,
 )
+from gyrowheel_analysis.diagnosis.correction import Corrected, correct, proof_of
 from gyrowheel_analysis.diagnosis.events import (
     as_events,
     by_attitude,
@@ -119,6 +120,10 @@ def diagnose(
             explanation = explained(first, recordings, progress)
             say("judging ties, limits and the next test")
             found = _judged(explanation, recordings, validate)
+            if found.verdict == "unknown":
+                say("fitting a map of the missing torque")
+                if (corrected := correct(explanation, tuple(paths))) is not None:
+                    found = _with_map(found, corrected, validate)
     return _named(found, paths, model, began)
 
 
@@ -184,6 +189,39 @@ def _judged(
         drift_scales=dict(problem.noise.scales),
         residuals=tuple(errors.residuals),
         coverage=fitted.coverage,
+    )
+
+
+def _with_map(found: Diagnosis, corrected: Corrected, validate: Sequence[Recording]) -> Diagnosis:
+    """Return a diagnosis with the map in place of all that describes the recordings worse."""
+    problem, best, own = corrected.prepared.problem, corrected.after, corrected.map
+    kept = {t.name: t for t in best.terms}
+    unused = (
+        []
+        if corrected.prepared.validation is None
+        else unused_events(corrected.prepared.validation.problem, best, validate)
+    )
+    paths = [str(recording.path) for recording in validate]
+    return replace(
+        found,
+        map=own,
+        effects=tuple(
+            replace(f, coefficients=estimates(problem, kept[f.name], best), ties=())
+            for f in found.effects
+            if f.name in kept
+        ),
+        instruments=tuple(f for f in found.instruments if f.name in kept),
+        free_form=(),
+        error=own.error,
+        events=tuple(e for e in found.events if problem.events or e.recording in paths),
+        drift_shapes=found.drift_shapes if problem.events else (),
+        beyond=tuple(b for b in found.beyond if b.name in kept),
+        next_test=None,
+        proof=proof_of(corrected, as_events(unused, paths)),
+        lack_of_fit=lack_of_fit(problem, best),
+        nuisance=nuisance_estimates(problem, best),
+        drift_scales=dict(problem.noise.scales),
+        residuals=tuple(corrected.errors.residuals),
     )
 
 

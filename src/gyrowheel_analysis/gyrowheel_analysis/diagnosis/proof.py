@@ -39,6 +39,7 @@ from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, error_row, floor_row
+from gyrowheel_sim.effects.torque_map import TorqueMap
 
 Array = NDArray[np.float64]
 #: Chi-squared of the predicted rows of every channel, and their number.
@@ -209,7 +210,11 @@ def _validated(
 
 def _labels(problem: Problem, fit: Fit) -> list[str]:
     """Return the names of the unknowns of a fit."""
-    loose = [f"{effect} {key}" for effect, key, _ in problem.unknowns.loose]
+    library = problem.unknowns.library
+    loose = [
+        effect if isinstance(library[effect], TorqueMap) else f"{effect} {key}"
+        for effect, key, _ in problem.unknowns.loose
+    ]
     registered = {t.name for t in fit.terms if t.effect is None or t.name in problem.unknowns.library}
     terms = [
         f"{key} of the formula"
@@ -231,7 +236,8 @@ def _unfixed(problem: Problem, best: Fit, seen: _Prediction) -> tuple[str, ...]:
     moved[np.abs(shift) < 0.5 * deviation] = 0.0
     order = np.argsort(-moved)
     labels = _labels(problem, best)
-    return tuple(labels[k] for k in order[:2] if moved[k] > 0.3 * moved[order[0]] and moved[k] > 0.0)
+    most = [labels[k] for k in order[:2] if moved[k] > 0.3 * moved[order[0]] and moved[k] > 0.0]
+    return tuple(dict.fromkeys(most))
 
 
 def _misfit(
@@ -325,7 +331,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, 
     problem = prepared.problem
     name = ", ".join(prepared.names)
     tried: list[tuple[Proof, _Predicted]] = []
-    for kind, parts in _parts(problem).items():
+    for kind, parts in parts_left_out(problem).items():
         after = _predicted(problem, best, parts)
         before = _predicted(problem, null, parts) if best.terms else after
         n = sum(int(mask.sum()) for mask in parts)
@@ -355,7 +361,7 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, 
     return proof, after.channels, after.white * (problem.noise.deviation() / after.deviation)
 
 
-def _parts(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
+def parts_left_out(problem: Problem) -> dict[Left, list[NDArray[np.bool_]]]:
     """Return the parts that can be left out in turn, as masks over all rows; each kind covers all of them."""
     own = groups(problem)
     kinds: tuple[Left, ...] = ("recording", "speed", "azimuth")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from gyrowheel_analysis.reduction.windows import Coverage
 
 if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
     from gyrowheel_analysis.fitting.events import Kind
     from gyrowheel_analysis.fitting.fit import Prior
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
@@ -540,6 +541,9 @@ class Diagnosis:
         Deviations of instruments from the bench file, strongest first.
     free_form : tuple of FreeForm
         For ``unknown``: formulas for the residual that no known effect explains.
+    map : CorrectionMap or None
+        For ``unknown``: the missing torque as a smooth function, where that predicts data left out better than nothing
+        and describes the recordings better than all else that was found.
     error : ErrorTable or None
         The error before and after adding the findings; None for ``insufficient_data``.
     where : tuple of Region
@@ -593,6 +597,7 @@ class Diagnosis:
     effects: tuple[EffectFinding, ...] = ()
     instruments: tuple[InstrumentFinding, ...] = ()
     free_form: tuple[FreeForm, ...] = ()
+    map: CorrectionMap | None = None
     error: ErrorTable | None = None
     where: tuple[Region, ...] = ()
     next_test: NextTest | None = None

@@ -18,6 +18,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, EffectValues, physical, registry
 from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
+from gyrowheel_sim.effects.torque_map import TorqueMap
 from gyrowheel_sim.parameter import Parameter, physical_range
 
 #: Bench parameters whose error is a separate finding: {finding: groups that move by one common factor}.
@@ -242,13 +243,16 @@ class Unknowns:
         )
         self.known = {name: dict(values) for name, values in (known or {}).items()}
         self.known_errors = {name: dict(errors) for name, errors in (known_errors or {}).items()}
-        #: Uncertain coefficients of known effects: effect, coefficient, standard error.
-        self.loose = [
-            (name, key, error)
-            for name, errors in self.known_errors.items()
-            for key, error in errors.items()
-            if name in self.known and error > 0.0
-        ]
+        #: Uncertain coefficients of known effects: effect, coefficient, standard error. Those of a map err together, so
+        #: it has its independent errors in their place.
+        self.loose: list[tuple[str, str, float]] = []
+        for name, errors in self.known_errors.items():
+            if name in self.known:
+                effect = self.library.get(name)
+                if isinstance(effect, TorqueMap):
+                    self.loose += [(name, f"error {k}", 1.0) for k in range(1, len(effect.modes) + 1)]
+                else:
+                    self.loose += [(name, key, error) for key, error in errors.items() if error > 0.0]
         groups = bench.groups()
         wider = {
             name: replace(p, uncertainty=math.hypot(p.uncertainty, self.assumed[name]))
@@ -272,6 +276,11 @@ class Unknowns:
     def on_bench(self, bench: Bench) -> Unknowns:
         """Return the same unknowns with the statements of another bench."""
         return Unknowns(bench, self.known, self.known_errors, self.declared, self.assumed)
+
+    def with_errors(self, name: str, errors: Mapping[str, float]) -> Unknowns:
+        """Return the same unknowns and the coefficients of a known effect, with their standard errors."""
+        known = {**self.known_errors, name: dict(errors)}
+        return Unknowns(self.bench, self.known, known, self.declared, self.assumed)
 
     def stated(self, coefficients: EffectValues | None = None) -> Point:
         """Return all unknowns as stated, with given coefficients of registered effects or parameter errors."""
@@ -305,8 +314,20 @@ class Unknowns:
         """Return the coefficients of the known effects for deviations `nuisance`."""
         known = {name: dict(v) for name, v in self.known.items()}
         for (name, key, error), u in zip(self.loose, nuisance[len(self.nuisances) :], strict=True):
-            known[name][key] += u * error
+            if key in known[name]:
+                known[name][key] += u * error
+            elif u != 0.0:
+                effect = self.library[name]
+                assert isinstance(effect, TorqueMap)  # its errors have names of their own
+                mode = effect.modes[int(key.split()[1]) - 1]
+                for c, change in zip(effect.coefficients, mode, strict=True):
+                    known[name][c.name] += u * change
         return known
+
+    def of_known(self, nuisance: Array, place: int) -> tuple[Effect, dict[str, float]]:
+        """Return the known effect to which a nuisance unknown belongs, and its coefficients for deviations."""
+        name, _, _ = self.loose[place - len(self.nuisances)]
+        return self.library[name], self._known_at(nuisance)[name]
 
     def moved(self, nuisance: Array) -> dict[tuple[str, str], float]:
         """Return the change of each coefficient of the known effects, in its standard errors."""
@@ -323,8 +344,13 @@ class Unknowns:
         """Return every term that may be missing: effects, instruments, and errors of parameters that can be a finding.
 
         Effects of the model are included, as their coefficients may be wrong: as terms they replace those of the model.
+        A map is not: its coefficients mean nothing one by one, and what is left of it shows as anything else does.
         """
-        own = [Term(name, self.library[name]) for name in self.known if name not in registry()]
+        own = [
+            Term(name, self.library[name])
+            for name in self.known
+            if name not in registry() and not isinstance(self.library[name], TorqueMap)
+        ]
         return candidate_terms(self.bench) + instrument_terms() + own
 
     def null(self, term: Term) -> dict[str, float]:
@@ -355,8 +381,14 @@ class Unknowns:
             for _, group in self.nuisances
         ]
         for name, key, error in self.loose:
-            bounds = next(c.bounds for c in self.library[name].coefficients if c.name == key)
-            found.append([_deviations(self.known[name][key], error, bounds)])
+            bounds = next((c.bounds for c in self.library[name].coefficients if c.name == key), None)
+            found.append(
+                [
+                    (-math.inf, math.inf)
+                    if bounds is None
+                    else _deviations(self.known[name][key], error, bounds)
+                ]
+            )
         return (
             np.array([max(low for low, _ in own) for own in found]),
             np.array([min(high for _, high in own) for own in found]),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance, Instants
 from gyrowheel_analysis.fitting.fit import Point, Term, Unknowns
+from gyrowheel_sim.effects.torque_map import TorqueMap
 
 Array = NDArray[np.float64]
 
@@ -125,6 +126,11 @@ class Prediction:
             self._stated_columns[term] = self.amplitude_columns(term, self.unknowns.stated(), nuisance)
         return self._stated_columns[term]
 
+    def states(self, point: Point) -> tuple[dict[str, float], list[Instants]]:
+        """Return the bench parameters [SI] and the states of the balances at a point."""
+        values, instants, _ = self._state(point)
+        return values, instants
+
     def _state(self, point: Point) -> _State:
         """Return bench parameters, states of the balances and predicted rows."""
         # the name of an effect of the library identifies it; any other effect is part of the key
@@ -166,10 +172,22 @@ class Prediction:
         parameters = len(self.unknowns.nuisances)
         if not np.array_equal(nuisance[parameters:], point.nuisance[parameters:]):
             # a coefficient of a known effect
-            return self._stepped(point, moved)
+            return self._stepped_known(point, moved)
         values, instants, _ = self._state(point)
         effects, after = self.unknowns.effects(point), self.unknowns.values(moved)
         found = self._from(instants, lambda b, at: b.moved(at, values, after, effects))
+        return self._stepped(point, moved) if found is None else found
+
+    def _stepped_known(self, point: Point, moved: Point) -> Array:
+        """Return the predicted rows for another coefficient of a known effect, a small step away."""
+        (place,) = np.flatnonzero(moved.nuisance != point.nuisance)
+        effect, after = self.unknowns.of_known(moved.nuisance, int(place))
+        if not isinstance(effect, TorqueMap) or effect.name in point.coefficients:
+            return self._stepped(point, moved)
+        # many errors of torques alone
+        before = self.unknowns.of_known(point.nuisance, int(place))[1]
+        values, instants, _ = self._state(point)
+        found = self._from(instants, lambda b, at: b.changed(at, values, effect, before, after))
         return self._stepped(point, moved) if found is None else found
 
     def _stepped(self, point: Point, there: Point) -> Array:

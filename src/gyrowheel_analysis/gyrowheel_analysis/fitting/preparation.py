@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import unphased
-from gyrowheel_analysis.criteria import FEWEST_WINDOWS, OTHER_MACHINE
+from gyrowheel_analysis.criteria import FEWEST_WINDOWS, MAP_MARGIN, MAP_WARMER, OTHER_MACHINE
 from gyrowheel_analysis.fitting.fit import Fit, Unknowns
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
@@ -24,10 +24,12 @@ from gyrowheel_analysis.reduction.segmentation import reduce_and_account
 from gyrowheel_analysis.reduction.windows import Coverage, Windows
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.bags.reader import require_rate
 from gyrowheel_recording.derived import assumed_errors, lacking, largest_errors, shares, unmeasured
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.torque_map import TorqueMap
 
 Progress = Callable[[str], None]
 Array = NDArray[np.float64]
@@ -256,6 +258,7 @@ def _reduced(
         absent.append(samples.absent | _unphased(recording, bench))
         windows, coverage = reduce_and_account(samples, bench)
         _check(windows, bench, str(recording.path))
+        _check_maps(windows, model, str(recording.path))
         coverages.append(coverage)
         shown.append(look(samples, windows, bench))
         reduced.append(windows)
@@ -324,6 +327,33 @@ def require_one_bench(recordings: Sequence[Recording], model: Model) -> None:
                         f"{its:.4g} {stated.parameters[key].unit}; allowed: the same machine"
                     )
         known.append((str(recording.path), name, values))
+
+
+def _check_maps(windows: Windows, model: Model, where: str) -> None:
+    """Refuse a recording outside of the range of a map of the model: nobody knows the torque there."""
+    for name in model.effects:
+        effect = model.declared.get(name)
+        if not isinstance(effect, TorqueMap) or not len(windows):
+            continue
+        within, tilt = effect.within, float(np.abs(windows.mean_tilt).max())
+        slowest, fastest = float(windows.mean_spin.min()), float(windows.mean_spin.max())
+        warm = any(term.temperature for term in effect.terms if term.target == "rotor_torque")
+        coldest, hottest = float(windows.coil_temperature.min()), float(windows.coil_temperature.max())
+        low, high = within.speed
+        if slowest < low * (1.0 - MAP_MARGIN) or fastest > high * (1.0 + MAP_MARGIN):
+            outside = f"speeds are {slowest / RPM:.0f} .. {fastest / RPM:.0f} rpm"
+            allowed = f"{low / RPM:.0f} .. {high / RPM:.0f} rpm"
+        elif tilt > within.tilt * (1.0 + MAP_MARGIN):
+            outside, allowed = f"tilts are up to {tilt / DEG:.2f} deg", f"up to {within.tilt / DEG:.2f} deg"
+        elif warm and (coldest < within.coils[0] - MAP_WARMER or hottest > within.coils[1] + MAP_WARMER):
+            outside = f"temperatures of the coils are {coldest:.1f} .. {hottest:.1f} K"
+            allowed = f"{within.coils[0]:.1f} .. {within.coils[1]:.1f} K"
+        else:
+            continue
+        raise InputError(
+            f"{where}: {outside}, outside of the range of '{name}' in {model.origin}; allowed: {allowed}. Remove the "
+            "map (gyrowheel model remove) and make it again from recordings that have this range"
+        )
 
 
 def _check(windows: Windows, bench: Bench, where: str) -> None:

@@ -290,21 +290,25 @@ class Errors:
     residuals: list[Residuals]
 
 
-def errors_of(before: Fit, after: Fit, prepared: Prepared, noise_before: Noise | None = None) -> Errors:
+def errors_of(before: Fit, after: Fit, prepared: Prepared, earlier: Prepared | None = None) -> Errors:
     """Return the errors of two fits on the fitted and on the validation recordings.
 
-    `noise_before` is that of the first fit, if it has other events. On validation recordings nothing is fitted:
-    parameters and coefficients are those of the fits.
+    `earlier` has the recordings of the first fit, if it has other events or another model. On validation recordings
+    nothing is fitted: parameters and coefficients are those of the fits.
     """
-    problem = prepared.problem
-    noises, deviation = (noise_before or problem.noise, problem.noise), problem.noise.deviation()
+    problem, first = prepared.problem, earlier or prepared
+    noises, deviation = (first.problem.noise, problem.noise), problem.noise.deviation()
     fitted = (before.residual, after.residual)
     rows = residuals(problem.balances, prepared.names, "fit", fitted, noises)
     white = [noise.whiten(own) for noise, own in zip(noises, fitted, strict=True)]
     parts: list[ErrorRow | None] = [None, None, None]
     if (validation := prepared.validation) is not None:
         other = validation.problem.with_scales(problem.noise.scales)
-        left = [other.measured - other.predict(fit) for fit in (before, after)]
+        left = [
+            other.measured - own.validation.problem.predict(fit)
+            for fit, own in ((before, first), (after, prepared))
+            if own.validation is not None
+        ]
         floor = other.noise.deviation()
         parts = [error_row(other.balances, r, other.noise.whiten(r), floor) for r in left]
         parts.append(floor_row(other.balances, floor))

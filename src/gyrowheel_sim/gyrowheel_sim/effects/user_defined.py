@@ -31,6 +31,7 @@ from gyrowheel_sim.effects.formula import Formula, read, to_text
 from gyrowheel_sim.effects.grammar import NAME, RESERVED, one_line, shortened
 from gyrowheel_sim.effects.quantities import theta, theta_rate
 from gyrowheel_sim.effects.targets import TARGETS
+from gyrowheel_sim.effects.torque_map import TorqueMap, map_from_mapping, map_to_mapping
 
 #: Names that a law may have in a declaration, and the targets that they mean.
 LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}
@@ -175,8 +176,9 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         each with ``unit`` and, where known, ``usual``, ``bounds`` and ``possible`` (two numbers), ``signed``,
         ``value``, ``uncertainty``, ``description``, ``source``, ``possible_source``; ``title``, ``category``,
         ``sentence``, ``directions`` (that sentence for either sign), ``validity``, ``source``, ``look_alikes``,
-        ``greatest``. A coefficient in which the law is linear is an amplitude; any other one (an exponent, an edge)
-        needs its ``value`` and ``uncertainty``, or its ``usual`` range.
+        ``greatest``; or ``map`` alone, see `gyrowheel_sim.effects.torque_map`. A coefficient in which the law is linear
+        is an amplitude; any other one (an exponent, an edge) needs its ``value`` and ``uncertainty``, or its ``usual``
+        range.
     where : str
         Beginning of error messages.
 
@@ -188,6 +190,8 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
     check_name(name, where)
     if not isinstance(mapping, Mapping):
         raise InputError(f"{where}: a mapping with a law and its coefficients is expected")
+    if "map" in mapping:
+        return map_from_mapping(name, mapping, where)
     given = check(Declaration, mapping, where, separator=".")
     entries = given.coefficients
     formulas = _formulas(given.laws(), list(entries), where)
@@ -227,6 +231,8 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
 
 def effect_to_mapping(effect: Effect) -> dict[str, Any]:
     """Return the declaration of an effect as a mapping that `effect_from_mapping` reads back."""
+    if isinstance(effect, TorqueMap):
+        return map_to_mapping(effect)
     laws: dict[str, sp.Expr] = {}
     for law in effect.laws:
         laws[law.target] = laws.get(law.target, sp.S.Zero) + law.expression

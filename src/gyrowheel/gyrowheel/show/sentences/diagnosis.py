@@ -191,7 +191,8 @@ def _unknown(found: Diagnosis) -> str:
     known = listed([named(f) for f in found.effects], "and") if found.effects else ""
     what = f"Besides {known}, something" if known else "Something"
     formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
-    return f"{what} is missing that no known effect explains{formula.rstrip('.')}."
+    mapped = "; a map of the missing torque describes it" if found.map is not None else ""
+    return f"{what} is missing that no known effect explains{formula.rstrip('.')}{mapped}."
 
 
 def _ties(found: Diagnosis) -> str:
@@ -210,7 +211,7 @@ def _fails_elsewhere(found: Diagnosis) -> bool:
     """Whether nothing was found, and the model does not predict a recording for validation."""
     proof = found.proof
     missed = proof is not None and proof.proven is False and not proof.left_out
-    return missed and not found.effects and not found.free_form
+    return missed and not found.effects and not found.free_form and found.map is None
 
 
 def _some(names: Sequence[str], most: int = 4) -> str:
