@@ -57,6 +57,7 @@ PAGES: Final = (
             "report",
             "torques",
             "where",
+            "your_daq",
         )
     ),
 )

@@ -140,3 +140,39 @@ def test_two_thousand_suggested_maps_open_their_files(tmp_path: Path) -> None:
             wrong[seed] = said
         file.unlink()
     assert wrong == {}
+
+
+DEVICES = {
+    "LabJack": ("\t", [f"AIN{k}" for k in range(8)], ["time", *(f"v{k}" for k in range(8))]),
+    "NI": (",", None, ["Time (s)", *(f"Dev1/ai{k} (V)" for k in range(8))]),
+    "SignalExpress": (",", None, ["Time", *(f"Y[{k}]" for k in range(8))]),
+    "FlexLogger": (",", None, ["Time (s)", *(f"Voltage_{k}" for k in range(8))]),
+    "PicoScope": (",", None, ["Time (s)", *(f"Channel {letter}" for letter in "ABCDEFGH")]),
+}
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_inputs_of_a_device_are_asked_for_and_not_guessed(device: str, tmp_path: Path) -> None:
+    delimiter, head, names = DEVICES[device]
+    volts = np.random.default_rng(1).normal(1.0, 1.0, (400, 8)).round(4)
+    lines = [delimiter.join(head)] if head else []
+    lines += [delimiter.join(names)]
+    lines += [delimiter.join([f"{5e-4 * k:.4f}", *map(str, row)]) for k, row in enumerate(volts.tolist())]
+    file = tmp_path / "card.csv"
+    file.write_text("\n".join(lines), encoding="utf-8")
+    found = gw.suggest_map(file)
+    assert found.content["columns"] == {}
+    assert found.content["time"]["column"] == names[0]
+    (asked,) = (question for question in found.questions if "inputs of a device" in question)
+    assert f"'{names[1]}' .. '{names[-1]}'" in asked
+
+
+def test_axes_with_numbers_are_no_inputs_of_a_device(tmp_path: Path) -> None:
+    names = ["time", "tilt1", "tilt2", "rpm", "u1", "u2", "um", "im"]
+    values = np.random.default_rng(1).normal(0.0, 0.01, (400, 8)).round(4)
+    values[:, 0], values[:, 3] = 5e-4 * np.arange(400), 3000.0
+    file = tmp_path / "rig.csv"
+    np.savetxt(file, values, delimiter=",", header=",".join(names), comments="")
+    found = gw.suggest_map(file)
+    assert found.content["columns"]["coil_voltage_x"]["column"] == "u1"
+    assert not [question for question in found.questions if "inputs of a device" in question]

@@ -31,6 +31,8 @@ _DICTIONARY: Final[dict[str, Any]] = read_yaml(_FILE.read_text(encoding="utf-8")
 _SPELLINGS: Final = {text: unit for unit, texts in _DICTIONARY["units"].items() for text in texts}
 _WORDS: Final = {subject: frozenset(words) for subject, words in _DICTIONARY["words"].items()}
 _DEGREES: Final[dict[str, str]] = _DICTIONARY["degrees"]
+#: Names of the inputs of acquisition devices, which have numbers behind them.
+INPUTS: Final = frozenset[str](_DICTIONARY["inputs"])
 _WIDE: Final = str.maketrans(_DICTIONARY["wide"])
 _IN_BRACKETS: Final = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
 _TOKENS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüéè]+|\d+|[°µμΩφϕθϑωα-β]")

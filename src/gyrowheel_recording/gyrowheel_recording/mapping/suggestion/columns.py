@@ -10,7 +10,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_recording.mapping.column_names import SEQUENCE, TEMPERATURE, TIME, UNITS, Meaning, meaning_of
+from gyrowheel_recording.mapping.column_names import (
+    INPUTS,
+    SEQUENCE,
+    TEMPERATURE,
+    TIME,
+    UNITS,
+    Meaning,
+    meaning_of,
+)
 from gyrowheel_recording.mapping.map_file import READINGS, TIMESTAMP
 from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, angle_unit, guess_unit
 from gyrowheel_recording.mapping.suggestion.checks import odd_cells
@@ -23,6 +31,9 @@ _FEWEST: Final = 0.02  # of the rows; a column with fewer values is not used
 _SLOW: Final = frozenset(["coil_temperature", "air_temperature", "air_pressure", TEMPERATURE])
 #: Readings of which not all are zero, whatever the wheel does.
 _NEVER_STILL: Final = frozenset(READINGS) - frozenset(["spin_angle"])
+_FEWEST_INPUTS: Final = 4  # equal names with numbers that are inputs of a device, and not axes
+_COUNTED: Final = re.compile(r"^(.*?)(\d+|(?<=[ _])[A-H])(\D?)$", re.DOTALL)
+_IN_BRACKETS: Final = re.compile(r"[({<][^(){}<>]*[)}>]")
 #: A name with a number in it: what stands before the last one, and behind it.
 _NUMBER: Final = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
 
@@ -30,6 +41,9 @@ _NUMBER: Final = re.compile(r"^(.*?)(\d+)(\D*)$", re.DOTALL)
 def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[str, Proposal]:
     """Return which column is which field: the clearest names first, each column once."""
     every = {name: meaning_of(_from_one(name, grid), column.unit) for name, column in grid.columns.items()}
+    inputs = _numbered_inputs(list(grid.columns))
+    for name in inputs:
+        every[name] = replace(every[name], fields={})
     names = {name: what for name, what in every.items() if _usable(grid.columns[name], what)}
     claims: list[tuple[float, int, str, str]] = []
     for order, (name, what) in enumerate(names.items()):
@@ -56,6 +70,15 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
     for name in [own for own in every if own not in names]:
         problems += _unread(grid.columns[name], every[name], found)
     problems += _rivals(claims, found, taken)
+    if inputs and not {"tilt_x", "tilt_y"} <= found.keys():
+        first, last = inputs[0], inputs[-1]
+        problems.append(
+            Problem(
+                f"'{first}' .. '{last}' are inputs of a device: their names do not show which sensor is connected.",
+                "Write a line for each in the map, with the scale of its sensor, such as "
+                f"tilt_x: {{column: {first}, unit: deg, scale: 0.5}}.",
+            )
+        )
     if "spin_angle" in found:
         found["spin_angle"] = counted_angle(found["spin_angle"], grid, found, problems)
     else:
@@ -68,6 +91,17 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
             clock = grid.columns[item.column].clock or _clock_for(grid, item.column, own)
             found[key] = replace(item, clock=clock if clock != own else "")
     return {name: found[name] for name in (*UNITS, SEQUENCE) if name in found}
+
+
+def _numbered_inputs(names: Sequence[str]) -> list[str]:
+    """Return the columns that are inputs of an acquisition device, whose names only count: ``v0``, ``Channel A``."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        if (found := _COUNTED.search(_IN_BRACKETS.sub("", name).strip())) is not None:
+            word = re.split(r"[^a-z]", found[1].lower().rstrip("[( _-"))[-1]
+            if word in INPUTS:
+                groups.setdefault((found[1], found[3]), []).append(name)
+    return [name for own in groups.values() if len(own) >= _FEWEST_INPUTS for name in own]
 
 
 def _from_one(name: str, grid: Grid) -> str:
