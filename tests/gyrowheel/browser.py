@@ -28,23 +28,22 @@ def opened_browser() -> Iterator[Any]:
         yield play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
 
 
-def serious_faults(page: Any) -> list[str]:
-    """Return the serious and the critical faults of accessibility of a page, in light and in dark."""
+def faults(page: Any) -> list[str]:
+    """Return the faults of accessibility of a page, of any level, in light and in dark."""
     axe = resources.files("axe_playwright_python").joinpath("axe.min.js").read_text(encoding="utf-8")
-    faults = []
+    said = []
     for theme in ("light", "dark"):
         page.emulate_media(color_scheme=theme)
         page.wait_for_function("(theme) => matchMedia(`(prefers-color-scheme: ${theme})`).matches", arg=theme)
         page.evaluate(axe)
         found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
-        faults += [
+        said += [
             f"{page.url}, {theme}: {fault['id']}: {node['html']}"
             for fault in found["violations"]
-            if fault["impact"] in ("serious", "critical")
             for node in fault["nodes"]
         ]
     page.emulate_media(color_scheme="light")
-    return faults
+    return said
 
 
 def press(target: Any, *keys: str) -> None:

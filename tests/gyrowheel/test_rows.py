@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.workbench import pictures
+from gyrowheel.workbench import windows
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.session import Session, Step
 from gyrowheel_analysis.channels import LISTED, TORQUES
@@ -121,13 +121,13 @@ def test_the_map_of_the_workbench_is_that_of_the_comparison(results: dict[str, A
     session.steps = [Step(gw.Model.load(wheel.model), compared)]
     own = {name: float(part.chi2.sum()) for name, part in compared.data.parts.items()}
     rows = {name: len(part.kind.rows) for name, part in compared.data.parts.items()}
-    for shown in pictures.maps(session):
+    for shown in windows.maps(session):
         for name, chi2 in own.items():
             total = sum(cell["chi2"][name] * len(cell["windows"]) * rows[name] for cell in shown["cells"])
             assert total == pytest.approx(chi2, rel=5e-3, abs=0.1)  # shown to three places
     chosen = shown["cells"][0]["windows"]
     share = sum(float(part.chi2[chosen].sum()) for part in compared.data.parts.values()) / sum(own.values())
-    assert pictures.region(session, chosen)["share"] == pytest.approx(share)
+    assert windows.region(session, chosen)["share"] == pytest.approx(share)
 
 
 def test_the_whitened_residuals_are_those_of_the_whole_covariance() -> None:

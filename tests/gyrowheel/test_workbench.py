@@ -5,11 +5,13 @@ from __future__ import annotations
 import http.client
 import json
 import os
+import re
 import shutil
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from urllib.parse import quote
 
@@ -22,12 +24,13 @@ import gyrowheel as gw
 from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.recordings.api import note_machine
 from gyrowheel.simulation.api import record_simulation
-from gyrowheel.workbench import pictures, tables, views
+from gyrowheel.workbench import pictures, residual, tables, views, windows
 from gyrowheel.workbench import server as workbench_server
 from gyrowheel.workbench.benches import SimulatedBench
-from gyrowheel.workbench.library import Envelope, Library, Opened, envelopes
+from gyrowheel.workbench.library import ROLES, Envelope, Library, Opened, envelopes
 from gyrowheel.workbench.server import Access, Server
-from gyrowheel.workbench.session import Session, before
+from gyrowheel.workbench.session import Session, Step, before
+from gyrowheel_analysis.diagnosis.result import Proof
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_control.plans.plan import Plan
@@ -224,6 +227,9 @@ def test_a_token_is_required_unless_the_address_is_loopback(
         ("diagnose", {}, "none is open to fit"),
         ("add", {"what": "windage"}, "none is open to fit"),
         ("undo", {}, "nothing to undo"),
+        ("redo", {}, "nothing to redo"),
+        ("add_all", {}, "nothing is diagnosed"),
+        ("remove", {"what": "windage"}, "windage"),
         ("test", {"plan": "quick"}, "none is open to fit"),
         ("save", {"name": "../model.yaml"}, "name: '../model.yaml' is not allowed"),
         ("save", {"name": ".model.yaml"}, "is not allowed"),
@@ -316,11 +322,51 @@ def test_windows_and_sentences_of_a_cell_of_the_map(compared: Session) -> None:
             assert len(cell["windows"]) == own.count
             mean = np.mean([found["windows"]["chi2"]["spin"]["values"][k] for k in cell["windows"]])
             assert mean == pytest.approx(own.chi2_per_n["spin"])
-    whole = pictures.region(compared, range(len(data.windows)))
+    whole = windows.region(compared, range(len(data.windows)))
     assert whole["share"] == pytest.approx(1.0)
     assert [own["share"] for own in whole["said"]] == [r.share_of_chi2 for r in comparison.where]
     with pytest.raises(gw.InputError, match="windows: must be of 0"):
-        pictures.region(compared, [len(data.windows)])
+        windows.region(compared, [len(data.windows)])
+
+
+def test_residuals_are_what_is_measured_less_what_is_predicted(compared: Session) -> None:
+    comparison = compared.step.comparison
+    assert comparison is not None
+    rows = {row["title"]: row for row in pictures.found(compared)["residuals"]}
+    assert len(rows) == sum(len(part.kind.rows) for part in comparison.data.parts.values())
+    for row in rows.values():
+        left = np.subtract(row["measured"], row["predicted"])
+        np.testing.assert_allclose(left, row["residual"], atol=2e-5 * np.abs(row["measured"]).max())
+    spin, part = rows["spin"], comparison.data.parts["spin"]
+    assert spin["unit"] == "mN·m"
+    np.testing.assert_allclose(spin["residual"], 1e3 * part.values, rtol=1e-4)
+    np.testing.assert_allclose(spin["sigma"], 1e3 * part.sigma, rtol=1e-4)
+    # windage is no noise: its spectrum and its quantiles are far off
+    assert max(spin["noise"]["power"]) > 10.0 * spin["noise"]["level"]
+    assert spin["noise"]["white"][-1] > 3.0 * spin["noise"]["high"][-1]
+    assert [row["before"] for row in rows.values()] == [None] * len(rows)
+    compared.steps.append(replace(compared.step, diagnosis=None))
+    after = {row["title"]: row for row in pictures.found(compared)["residuals"]}
+    assert after["spin"]["before"] == spin["residual"]
+
+
+def test_noise_has_no_correlation_and_no_line_and_a_drift_has_both() -> None:
+    rng = np.random.default_rng(3)
+    time = np.sort(rng.uniform(0.0, 300.0, 120))
+    beyond = []
+    for _ in range(200):
+        white = rng.normal(size=120)
+        found = residual.spectrum([(time, white)])
+        beyond.append(max(found["power"]) > found["level"])
+        band = 1.96 / np.sqrt(120)
+    assert 0.01 < np.mean(beyond) < 0.12  # of a level that noise exceeds in 5 of 100 cases
+    inside = np.abs(residual.correlation([white])) < band
+    assert np.mean(inside) > 0.8
+    drift = 2.0 * np.sin(2.0 * np.pi * 0.02 * time) + white
+    found = residual.spectrum([(time, drift)])
+    assert found["frequency"][int(np.argmax(found["power"]))] == pytest.approx(0.02, abs=2e-3)
+    assert max(found["power"]) > 5.0 * found["level"]
+    assert residual.correlation([drift])[0] > 3.0 * band
 
 
 def test_holds_agree_with_the_drag_comparison(compared: Session, wheel: Wheel) -> None:
@@ -451,7 +497,7 @@ def test_a_model_is_saved_again_under_its_new_name_and_over_no_other(wheel: Whee
     session = Session(Library([wheel.recording.parent]), gw.Model.load(file), file)
 
     def part() -> str:
-        return str(views.state(session)["parts"]["model"])
+        return str(views.state(session)["parts"]["bar"])
 
     def needed(own: Session) -> list[str]:
         return before(own.step.model, own.kept, own.file)
@@ -488,9 +534,65 @@ def test_too_little_steady_motion_is_a_verdict_and_no_error(tmp_path: Path) -> N
     session.diagnose()
     session.wait(240.0)
     assert session.trouble is None
-    part = views.state(session)["parts"]["missing"]
+    part = views.state(session)["parts"]["verdict"]
     assert 'data-verdict="insufficient_data"' in part
     assert "steady motion" in part
+
+
+def test_undone_steps_return_until_the_model_changes_otherwise(wheel: Wheel) -> None:
+    session = Session(Library([wheel.recording.parent]), gw.Model())
+    one, two = Step(gw.Model()), Step(gw.Model())
+    session.steps += [one, two]
+    session.undo()
+    session.undo()
+    assert len(session.steps) == 1
+    session.redo()
+    assert session.step is one
+    session.redo()
+    assert session.step is two
+    session.undo()
+    session._go([*session.steps, Step(gw.Model())])
+    with pytest.raises(gw.InputError, match="nothing to redo"):
+        session.redo()
+
+
+def test_all_findings_are_added_at_once_and_removed_one_by_one(
+    compared: Session, wheel: Wheel, tmp_path: Path
+) -> None:
+    content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
+    size = {"value": 1e-4, "standard_error": 1e-6}
+    content["effects"] = {"windage": {"w": size, "n": size | {"value": 1.5}}, "bearing_viscous": {"b": size}}
+    file = write(tmp_path / "wheel.yaml", yaml.safe_dump(content))
+    compared.steps = [Step(gw.Model.load(file))]
+    assert 'data-do="remove" data-what="windage"' in views.state(compared)["parts"]["model"]
+    compared.remove("windage")
+    assert list(compared.step.model.effects) == ["bearing_viscous"]
+    compared.undo()
+    assert set(compared.step.model.effects) == {"windage", "bearing_viscous"}
+    added: list[Any] = []
+    compared._add = lambda items, place: added.append(items)  # type: ignore[method-assign]
+    found = Diagnosis.of(diagnosis("effect", finding("windage"), finding("bearing_viscous")))
+    compared.steps = [replace(compared.step, diagnosis=found)]
+    parts = views.state(compared)["parts"]
+    assert ">Add all 2<" in parts["verdict"]
+    assert ">Add all 2<" in parts["missing"]
+    compared.add_all()
+    assert added == [["windage", "bearing_viscous"]]
+
+
+def test_the_page_speaks_of_its_own_buttons_and_of_no_options_of_the_shell(compared: Session) -> None:
+    for name in ("one", "two"):
+        own: Any = SimpleNamespace(name=name, data=SimpleNamespace(machine=name))
+        compared.opened[name] = SimpleNamespace(recording=own, role=ROLES[0])  # type: ignore[assignment]
+    with pytest.raises(gw.InputError, match=r"one is of machine one.*close those of one machine on the left"):
+        compared.diagnose()
+    for name in ("one", "two"):
+        del compared.opened[name]
+    untried = Proof("drag", None, "not_tried", left_out="speed")
+    found = Diagnosis.of(replace(diagnosis("effect", finding("windage")), proof=untried))
+    compared.steps = [replace(compared.step, diagnosis=found)]
+    for part in views.state(compared)["parts"].values():
+        assert not re.search(r"(?<=[\s(])--[a-z]", re.sub(r"<pre.*?</pre>", "", part, flags=re.DOTALL))
 
 
 def test_the_page_shows_every_part_of_a_diagnosis(wheel: Wheel) -> None:
@@ -560,7 +662,7 @@ def test_an_empty_workbench_offers_the_demonstration(tmp_path: Path) -> None:
     with Server(Session(Library([tmp_path]), gw.Model()), port=0) as server:
         parts = json.loads(ask(server, "/state")[1])["parts"]
     assert 'data-do="demonstrate"' in parts["recordings"]
-    assert 'aria-current="step"' in parts["tour"]
+    assert 'data-do="demonstrate"' in parts["verdict"]
 
 
 def test_a_job_can_be_ended(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:

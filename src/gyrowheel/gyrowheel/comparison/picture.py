@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _MOST_SPEEDS = 4
 _LONG, _SHORT = 0.55, 0.12  # of the largest tilt: the longest arrow, and that of noise
+_MOST_ARROWS = 0.9  # of the arrows: those that the scale leaves uncut
 _WRONG = 9.0  # χ²/N from which on a window is not noise alone
 _WORST = 1.0e3  # χ²/N at the end of the colours
 _UNITS = {"tilt": "°", "azimuth": "°", "speed": "rpm", "time": "s", "temperature": "°C"}
@@ -83,16 +84,31 @@ def _chosen(groups: list[NDArray[np.int64]], data: WindowResiduals) -> list[NDAr
 
 
 def arrow_scale(data: WindowResiduals) -> float:
-    """Return degrees an N m: the longest arrow beyond the noise spans most of the largest tilt.
+    """Return degrees an N m: the arrow that is longer than nine in ten beyond the noise spans most of the largest tilt.
 
-    Windows whose residual is noise, or whose noise is an outlier, do not count: short windows are noisy. Where all is
-    noise, its arrows are short.
+    Windows whose residual is noise, or whose noise is an outlier, do not count, and the few largest do not set the
+    scale: `arrows` cuts them off. Where all is noise, its arrows are short.
     """
     part = data.parts[COILS]
     size, wrong = np.abs(part.values), (part.chi2 / len(part.kind.rows) > _WRONG) & ~part.noisy
-    largest = float(np.quantile(size[wrong] if wrong.any() else size, 0.98))
-    reach = max(float(np.abs(data.windows.mean_tilt).max()) / DEG, 1.0)
-    return (_LONG if wrong.any() else _SHORT) * reach / largest if largest > 0.0 else 1.0
+    usual = float(np.quantile(size[wrong] if wrong.any() else size, _MOST_ARROWS))
+    return (_LONG if wrong.any() else _SHORT) * _reach(data) / usual if usual > 0.0 else 1.0
+
+
+def arrows(data: WindowResiduals) -> NDArray[Any]:
+    """Return the residual of the coils in every window as an arrow [deg], cut off at twice the usual longest one.
+
+    Windows whose noise is an outlier have none.
+    """
+    part = data.parts[COILS]
+    own = part.values * arrow_scale(data)
+    most = 2.0 * _LONG * _reach(data)
+    return np.where(part.noisy, 0.0, own * np.minimum(1.0, most / np.maximum(np.abs(own), 1e-300)))
+
+
+def _reach(data: WindowResiduals) -> float:
+    """Return the largest tilt, of one degree at least [deg]."""
+    return max(float(np.abs(data.windows.mean_tilt).max()) / DEG, 1.0)
 
 
 def _plane(
@@ -109,7 +125,7 @@ def _plane(
     z = np.asarray(w.mean_tilt)[group] / DEG
     shown = list(data.parts.values()) if scale is None else [data.parts[COILS]]
     chi2 = np.sum([own.chi2[group] for own in shown], axis=0) / sum(len(own.kind.rows) for own in shown)
-    reach = 1.75 * max(float(np.abs(w.mean_tilt).max()) / DEG, 1.0)
+    reach = 1.75 * _reach(data)
     for radius in range(2, math.ceil(reach), 2):
         axes.add_patch(_circle(radius))
     axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
@@ -128,13 +144,13 @@ def _plane(
     if first:
         axes.set_ylabel("tilt about y, °")
     if scale is not None:
-        _arrows(axes, z[~noisy], data.parts[COILS].values[group][~noisy] * scale, scale, reach)
+        _arrows(axes, z[~noisy], arrows(data)[group][~noisy], scale, reach)
 
 
-def _arrows(axes: Axes, z: Any, arrows: Any, scale: float, reach: float) -> None:
+def _arrows(axes: Axes, z: Any, drawn: Any, scale: float, reach: float) -> None:
     """Draw arrows [deg] from tilts [deg], and how long one of a round torque is."""
     axes.quiver(
-        z.real, z.imag, arrows.real, arrows.imag, angles="xy", scale_units="xy", scale=1.0, width=0.007,
+        z.real, z.imag, drawn.real, drawn.imag, angles="xy", scale_units="xy", scale=1.0, width=0.007,
         color=DARK, alpha=0.8, zorder=3,
     )  # fmt: skip
     length = _round_down(0.4 * reach / scale)

@@ -1,31 +1,26 @@
-"""Numbers for the pictures of the page: signals, holds, windows, maps of the residual, fall of the error."""
+"""Numbers for the pictures of the page: signals, holds, events, fall of the error; all that was found."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.comparison.picture import arrow_scale, axis_title, cell_label
 from gyrowheel.drag_comparison.page import agreement_sentence
 from gyrowheel.drag_comparison.picture import tilts
 from gyrowheel.show.figure import columns
 from gyrowheel.show.sentences.findings import event_sentence
-from gyrowheel.show.sentences.residuals import region_description, region_name
-from gyrowheel.workbench.library import ROLES, Envelope, Opened
+from gyrowheel.workbench import windows
+from gyrowheel.workbench.library import Envelope, Opened
+from gyrowheel.workbench.residual import residuals
 from gyrowheel.workbench.session import Session
-from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.drag.agreement import agreement
 from gyrowheel_analysis.drag.estimate import Estimate
-from gyrowheel_analysis.reduction.windows import UPRIGHT, octants
-from gyrowheel_analysis.residuals.error_table import WindowResiduals
-from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, regions, residual_map
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.units import DEG, RPM, unit_for
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_core.wire import SECOND
 from gyrowheel_sim.bench import Bench
 
@@ -139,104 +134,12 @@ def found(session: Session) -> dict[str, Any]:
     """Return the results for the pictures."""
     return {
         "facts": session.facts,
-        "windows": windows(session),
-        "maps": maps(session),
+        "windows": windows.windows(session),
+        "maps": windows.maps(session),
+        "residuals": residuals(session),
         "holds": holds(session),
         "events": events(session),
         "fall": fall(session),
-    }
-
-
-def windows(session: Session) -> dict[str, Any] | None:
-    """Return the windows of the comparison with their residuals, for the linked pictures."""
-    found = session.step.comparison
-    if found is None:
-        return None
-    data, keys = found.data, [own.key for own in session.opened.values() if own.role == ROLES[0]]
-    w, tilt = data.windows, data.parts.get(COILS)
-    # without both coil voltages there is no residual of the coils
-    values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values
-    noisy = np.zeros(len(w), dtype=bool) if tilt is None else tilt.noisy
-    unit = unit_for(float(np.median(np.abs(values))), "N·m")
-    return {
-        "recording": [keys[int(k)] for k in data.recording],
-        "start": w.start.tolist(),
-        "duration": w.duration.tolist(),
-        "speed": (w.mean_spin / RPM).round(1).tolist(),
-        "tilt_x": (np.real(w.mean_tilt) / DEG).round(4).tolist(),
-        "tilt_y": (np.imag(w.mean_tilt) / DEG).round(4).tolist(),
-        "residual_x": (np.real(values) / unit.size).tolist(),
-        "residual_y": (np.imag(values) / unit.size).tolist(),
-        "of_coils": tilt is not None,
-        # degrees of an arrow of one unit; windows that are far noisier than the others have none
-        "arrow": 0.0 if tilt is None else arrow_scale(data) * unit.size,
-        "noisy": noisy.tolist(),
-        "unit": unit.label,
-        "chi2": {
-            name: {"title": CHANNELS[name].title, "values": (part.chi2 / len(part.kind.rows)).tolist()}
-            for name, part in data.parts.items()
-        },
-    }
-
-
-def maps(session: Session) -> list[dict[str, Any]]:
-    """Return χ²/N of every channel over every variable, each cell with its windows."""
-    if session.step.comparison is None:
-        return []
-    data = session.step.comparison.data
-    return [
-        {
-            "variable": variable,
-            "title": axis_title(variable),
-            "cells": [
-                {
-                    "label": cell_label(variable, cell),
-                    "chi2": {name: round(value, 3) for name, value in cell.chi2_per_n.items()},
-                    "windows": np.flatnonzero(members(data, variable, cell)).tolist(),
-                }
-                for cell in residual_map(data, (variable,)).cells
-            ],
-        }
-        for variable in VARIABLES
-    ]
-
-
-def members(data: WindowResiduals, variable: str, cell: Cell) -> NDArray[np.bool_]:
-    """Return a mask of the windows in a cell of a map over one variable."""
-    w, span = data.windows, cell.spans[variable]
-    tilt = np.asarray(w.mean_tilt)
-    if variable == "azimuth":
-        if span.low != span.low:
-            return np.abs(tilt) < UPRIGHT
-        return octants(tilt) == int(octants(np.exp(1j * span.middle)))
-    values = {
-        "tilt": np.abs(tilt), "speed": w.mean_spin, "time": w.middle, "temperature": w.coil_temperature,
-    }[variable]  # fmt: skip
-    return np.asarray((values >= span.low) & (values <= span.high))
-
-
-def region(session: Session, chosen: Sequence[int]) -> dict[str, Any]:
-    """Return the share of the misfit in some windows, and sentences about their residual."""
-    result = session.step.comparison
-    if result is None:
-        raise InputError("windows: nothing is compared yet")
-    data = result.data
-    mask = np.zeros(len(data.windows), dtype=bool)
-    if not chosen or not all(0 <= k < len(mask) for k in chosen):
-        raise InputError(f"windows: must be of 0 .. {len(mask) - 1}")
-    mask[list(chosen)] = True
-    some = replace(
-        data,
-        windows=data.windows.select(mask),
-        recording=data.recording[mask],
-        parts={name: part.at(mask) for name, part in data.parts.items()},
-    )
-    return {
-        "share": some.chi2 / data.chi2 if data.chi2 else 0.0,
-        "said": [
-            {"where": region_name(own), "share": own.share_of_chi2, "looks": region_description(own)}
-            for own in regions(some, session.step.model.details.bench)
-        ],
     }
 
 

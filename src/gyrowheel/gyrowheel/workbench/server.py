@@ -27,7 +27,7 @@ from tornado.web import Application, HTTPError, RequestHandler, stream_request_b
 
 from gyrowheel.report.page import POLICY
 from gyrowheel.show.html import style_sheet
-from gyrowheel.workbench import pictures, views
+from gyrowheel.workbench import pictures, views, windows
 from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
@@ -348,8 +348,10 @@ class _Action(_Guarded):
             "compare": session.compare,
             "diagnose": session.diagnose,
             "add": lambda: session.add(given["what"]),
+            "add_all": session.add_all,
+            "remove": lambda: session.remove(given["what"]),
             "formula": lambda: _checked(session, given["text"]),
-            "region": lambda: pictures.region(session, _numbers(given["windows"])),
+            "region": lambda: windows.region(session, _numbers(given["windows"])),
             "add_formula": lambda: session.add(given["text"], formula=True),
             "test": lambda: session.test(given["plan"], given.get("bench", "")),
             "map_table": lambda: session.map_table(given, take="take" in given),
@@ -357,6 +359,7 @@ class _Action(_Guarded):
             "demonstrate": session.demonstrate,
             "report": session.write_report,
             "undo": session.undo,
+            "redo": session.redo,
             "save": lambda: {"path": str(session.save(given["name"]))},
             "end": session.end,
         }

@@ -17,7 +17,7 @@ from gyrowheel.comparison.api import Comparison, compare
 from gyrowheel.diagnosis.api import Diagnosis, diagnose
 from gyrowheel.diagnosis.page import diagnosing, following
 from gyrowheel.drag_comparison.api import drag
-from gyrowheel.models.api import Model
+from gyrowheel.models.api import Model, effects_to_add
 from gyrowheel.recordings.api import Recording, noted_machine
 from gyrowheel.report.api import Report
 from gyrowheel.workbench import tables
@@ -110,6 +110,7 @@ class Session(Jobs):
         self.facts = 0
         self.opened: dict[str, Opened] = {}
         self.steps: list[Step] = [Step(model)]
+        self.undone: list[Step] = []  # the latest last
         self.saved = ""
         self.kept = model  # in its file
         self.report: str | None = None  # on the latest diagnosis, once written
@@ -154,32 +155,48 @@ class Session(Jobs):
         with self.lock:
             self.require_idle()
             if self.opened.pop(key, None) is not None:
-                self._keep([Step(self.step.model)])
+                self._restart()
         self.changed()
 
     def compare(self) -> None:
         """Compare the model with the opened recordings, and predict their holds."""
-        self._data()
+        self._data_of_one_machine()
         self._begin("comparing", "missing", self._compare)
 
     def diagnose(self) -> None:
         """Compare the model with the opened recordings, and diagnose it."""
-        self._data()
+        self._data_of_one_machine()
         self._begin("diagnosing", "missing", self._diagnose)
 
     def add(self, what: str, *, formula: bool = False) -> None:
         """Add an effect of the library, or a user-defined formula, to the model and fit it."""
-        fitted, unused = self._data()
-        item: str | Effect = self.own(what) if formula else what
+        self._add([self.own(what) if formula else what], "formula" if formula else "missing")
+
+    def add_all(self) -> None:
+        """Add all that the diagnosis found to the model and fit it."""
+        if self.step.diagnosis is None:
+            raise InputError("diagnosis: nothing is diagnosed yet")
+        self._add(effects_to_add(self.step.diagnosis), "missing")
+
+    def _add(self, items: Sequence[str | Effect], place: str) -> None:
+        fitted, unused = self._data_of_one_machine()
 
         def work(at: Work) -> None:
-            model = self.step.model.add(item, fit=fitted, validate=unused, progress=at.say)
+            model = self.step.model.add(items, fit=fitted, validate=unused, progress=at.say)
             found = compare(fitted, model, progress=at.say)
             step = Step(model, found, self._holds(model, at))
-            at.change(lambda: self._keep([*self.steps, step]))
+            at.change(lambda: self._go([*self.steps, step]))
 
-        name = item if isinstance(item, str) else item.name
-        self._begin(f"adding {name}", "formula" if formula else "missing", work)
+        names = [item if isinstance(item, str) else item.name for item in items]
+        self._begin(f"adding {' and '.join(names)}", place, work)
+
+    def remove(self, name: str) -> None:
+        """Remove an effect from the model; the other coefficients keep their values."""
+        with self.lock:
+            self.require_idle()
+            self._go([*self.steps, Step(self.step.model.remove(name))])
+            self.trouble, self.saved = None, ""
+        self.changed()
 
     def tests(self) -> list[str]:
         """Return the plans that the diagnosis names: the next test, and those that separate ties."""
@@ -342,7 +359,19 @@ class Session(Jobs):
         """Return to the model before its last change."""
         with self.lock:
             self.require_idle()
-            self._keep(self.steps[:-1] if len(self.steps) > 1 else [Step(self.step.model.undo())])
+            last = self.step
+            self._keep(self.steps[:-1] if len(self.steps) > 1 else [Step(last.model.undo())])
+            self.undone.append(last)
+            self.trouble, self.saved = None, ""
+        self.changed()
+
+    def redo(self) -> None:
+        """Return to the model before the last undo."""
+        with self.lock:
+            self.require_idle()
+            if not self.undone:
+                raise InputError("model: nothing to redo")
+            self._keep([*self.steps, self.undone.pop()])
             self.trouble, self.saved = None, ""
         self.changed()
 
@@ -397,6 +426,18 @@ class Session(Jobs):
             raise InputError("recordings: none is open to fit; open one on the left")
         return fitted, self.used("not used to fit")
 
+    def _data_of_one_machine(self) -> tuple[Sequence[Recording], Sequence[Recording]]:
+        """Return the recordings, which must not state different machines: the page has no way to mix them."""
+        fitted, unused = self._data()
+        stated = [own for own in (*fitted, *unused) if own.data.machine]
+        for own in stated[1:]:
+            if own.data.machine != stated[0].data.machine:
+                raise InputError(
+                    f"recordings: {own.name} is of machine {own.data.machine}, {stated[0].name} of machine "
+                    f"{stated[0].data.machine}; close those of one machine on the left"
+                )
+        return fitted, unused
+
     def _begin(self, title: str, place: str, work: Callable[[Work], None]) -> None:
         with self.lock:
             self.require_idle()
@@ -432,7 +473,17 @@ class Session(Jobs):
     def _put(self, own: Opened) -> None:
         """Open a recording; the results, which belong to other recordings, are removed. The model stays."""
         self.opened[own.key] = own
+        self._restart()
+
+    def _restart(self) -> None:
+        """Keep the model alone: results belong to the recordings that they were found with."""
+        self.undone = []
         self._keep([Step(self.step.model)])
+
+    def _go(self, steps: Sequence[Step]) -> None:
+        """Keep steps with a new model at their end: what was undone before does not follow from it."""
+        self.undone = []
+        self._keep(steps)
 
     def _keep(self, steps: Sequence[Step]) -> None:
         self.steps, self.report = list(steps), None

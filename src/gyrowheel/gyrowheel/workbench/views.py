@@ -10,17 +10,21 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from gyrowheel.comparison.page import verdict as comparison_verdict
+from gyrowheel.models.api import effects_to_add
 from gyrowheel.recordings.page import integrity_text
 from gyrowheel.report import sections
 from gyrowheel.show.figure import PANELS
 from gyrowheel.show.formulas import pretty, typeset
 from gyrowheel.show.html import Cells, declared, environment, label, style_sheet
+from gyrowheel.show.sentences.diagnosis import purpose
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel.workbench.benches import SimulatedBench
 from gyrowheel.workbench.library import ROLES
 from gyrowheel.workbench.session import MODEL, NO_BENCH, Session
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
+from gyrowheel_core.quantities import fixed
 from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.quantities import QUANTITIES
@@ -28,6 +32,7 @@ from gyrowheel_sim.effects.quantities import QUANTITIES
 if TYPE_CHECKING:
     import jinja2
 
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_recording.bags import RecordingInfo
 
 #: Number of recordings that the page lists, latest first.
@@ -206,18 +211,90 @@ def _table(session: Session) -> dict[str, Any]:
     return {"draft": session.table, "units": _UNITS}
 
 
-def _tour(session: Session) -> dict[str, Any]:
-    step, added = session.step, any(step.model.added is not None for step in session.steps)
-    done = [
-        bool(session.used(ROLES[0])),
-        step.comparison is not None or step.diagnosis is not None or added,
-        added,
-        added and step.model is session.kept,
-    ]
+def _verdict(session: Session) -> dict[str, Any]:
+    """Return what is known of the model, and what to do next."""
+    step, added = session.step, session.step.model.added
+    shown: dict[str, Any] = {
+        "mood": "open",
+        "proof": None,
+        "proven": None,
+        "name": None,
+        "busy": session.job is not None,
+    }
+    if (found := step.diagnosis) is not None:
+        cells = Cells({"diagnosis": found.to_dict()})
+        shown |= {
+            "mood": sections.MOOD[found.verdict],
+            "name": found.verdict,
+            "words": cells.words("diagnosis.summary"),
+            "proof": None if found.proof is None else cells.words("diagnosis.proof.reason"),
+            "proven": None if found.proof is None else found.proof.proven,
+        }
+    elif added is not None:
+        shown |= {
+            "words": added.headline(),
+            "proof": proof_sentence(added.proof, added.error),
+            "proven": added.proof.proven,
+        }
+    elif step.comparison is not None:
+        chi2 = fixed(step.comparison.error_before.chi2_per_n)
+        shown |= {"words": f"{comparison_verdict(step.comparison)}: χ²/N is {chi2} (1: noise)."}
+    elif session.used(ROLES[0]):
+        shown |= {"words": "The model is not compared with these recordings yet."}
+    else:
+        shown |= {"words": "No recording is open to fit."}
+    return shown | {"next": {"do": "", "plan": "", "focus": "", "link": ""} | _next(session)}
+
+
+def _next(session: Session) -> dict[str, Any]:
+    """Return the next step: a sentence, and the action of its button where there is one."""
+    step, found = session.step, session.step.diagnosis
+    if not session.used(ROLES[0]):
+        if session.library.listed() or session.opened:
+            return {"words": "Press fit at a recording on the left."}
+        words = "Record two tests on a simulated machine."
+        return {"words": words, "do": "demonstrate", "label": "Make the demonstration"}
+    if found is None:
+        words = (
+            "See what is left of the error." if step.model.added else "See where the model fails, and why."
+        )
+        return {"words": words, "do": "diagnose", "label": "Compare and diagnose"}
+    if found.setup:
+        return {"words": "Correct the recording as it says under What is missing, and open it again."}
+    if all_of := _to_add(found):
+        what, label = ("it", f"Add {all_of[0]}") if len(all_of) == 1 else ("them", f"Add all {len(all_of)}")
+        return {"words": f"Add {what} to the model.", "do": "add_all", "label": label}
+    if found.verdict != "nothing_missing" and found.next_test is not None:
+        plan = found.next_test.plan
+        runs = {"do": "test", "label": f"Run {plan}", "plan": plan} if _simulated(session) else {}
+        return {"words": f"Run plan {plan}: {purpose(found.next_test)}."} | runs
+    if found.verdict != "nothing_missing":
+        words = "Add an effect that you suspect, or type its law as a formula."
+        return {"words": words, "focus": "formula", "label": "Type a formula"}
+    if session.step.model is not session.kept:
+        return {"words": "Save the model.", "focus": "save-name", "label": "Save it"}
+    if session.report is None:
+        return {"words": "Write the report.", "do": "report", "label": "Write the report"}
+    return {"words": "The report is written.", "link": "/report", "label": "Open the report"}
+
+
+def _to_add(found: Diagnosis) -> list[str]:
+    """Return the names of all that a diagnosis found; empty where it cannot decide or finds nothing."""
+    try:
+        return [item if isinstance(item, str) else item.name for item in effects_to_add(found)]
+    except InputError:
+        return []
+
+
+def _bar(session: Session) -> dict[str, Any]:
+    model = session.step.model
     return {
-        "done": done,
-        "next": done.index(False) if False in done else None,
-        "unused": bool(session.used(ROLES[1])),
+        "busy": session.job is not None,
+        "undo": bool(model.history),
+        "redo": bool(session.undone),
+        "saved": session.saved,
+        "unsaved": model is not session.kept,
+        "name": session.file.name if session.file is not None else MODEL,
     }
 
 
@@ -231,6 +308,7 @@ def _missing(session: Session) -> dict[str, Any]:
         ],
         "busy": session.job is not None,
         "added": model.added is not None,
+        "all": [] if result is None else _to_add(result),
         "effects": sorted(name for name in registry() if name not in inside),
     }
     if result is None:
@@ -244,8 +322,6 @@ def _missing(session: Session) -> dict[str, Any]:
         | {
             "found": found,
             "report": session.report is not None,
-            "proof": None if found.proof is None else cells.words("diagnosis.proof.reason"),
-            "proven": None if found.proof is None else found.proof.proven,
             "findings": [
                 item | {"page": item["name"] in model.details.library} for item in shown["findings"]
             ],
@@ -284,9 +360,6 @@ def _model(session: Session) -> dict[str, Any]:
         "history": sections.history(model, cells),
         "text": _yaml(model.to_dict()),
         "busy": session.job is not None,
-        "saved": session.saved,
-        "unsaved": model is not session.kept,
-        "name": session.file.name if session.file is not None else MODEL,
     }
 
 
@@ -305,7 +378,8 @@ def _simulated(session: Session) -> bool:
 
 
 _CONTENT = {
-    "tour": _tour,
+    "bar": _bar,
+    "verdict": _verdict,
     "recordings": _recordings,
     "table": _table,
     "missing": _missing,

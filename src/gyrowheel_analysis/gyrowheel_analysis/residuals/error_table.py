@@ -340,6 +340,8 @@ class Part:
         Prediction of the model [unit of the kind]; None where unknown.
     chi2 : ndarray (n,)
         The part of chi-squared that belongs to each window, see `Noise.shares`.
+    measured : ndarray (n,) or None
+        Measured value [unit of the kind]; the prediction is this less `values`. None where it was not kept.
     """
 
     kind: Channel
@@ -347,11 +349,12 @@ class Part:
     sigma: Array
     chi2: Array
     load: NDArray[Any] | None = None
+    measured: NDArray[Any] | None = None
 
     def at(self, mask: NDArray[np.bool_]) -> Part:
         """Return the part in some of the windows."""
-        load = None if self.load is None else self.load[mask]
-        return Part(self.kind, self.values[mask], self.sigma[mask], self.chi2[mask], load)
+        load, measured = (None if own is None else own[mask] for own in (self.load, self.measured))
+        return Part(self.kind, self.values[mask], self.sigma[mask], self.chi2[mask], load, measured)
 
     @property
     def rows(self) -> int:
@@ -417,11 +420,11 @@ def window_residuals(
         sigma = [channel_values(balances, deviation, row) for row in kind.rows]
         chi2 = sum(channel_values(balances, shares, row) for row in kind.rows)
         values = own[0] + 1j * own[1] if len(own) == 2 else own[0]
-        load = None
-        if name == "tilt" and np.any(windows.coil_voltage):
-            # the prediction: the measured rows contain the residual
-            x, y = (np.concatenate([b.measured[b.row(row)] for b in balances]) for row in kind.rows)
-            load = x + 1j * y - values
-        parts[name] = Part(kind, values, np.sqrt(np.mean(np.square(sigma), axis=0)), np.asarray(chi2), load)
+        rows_of = [np.concatenate([b.measured[b.row(row)] for b in balances]) for row in kind.rows]
+        measured = rows_of[0] + 1j * rows_of[1] if len(rows_of) == 2 else rows_of[0]
+        # the prediction: the measured rows contain the residual
+        load = measured - values if name == "tilt" and np.any(windows.coil_voltage) else None
+        noise_of = np.sqrt(np.mean(np.square(sigma), axis=0))
+        parts[name] = Part(kind, values, noise_of, np.asarray(chi2), load, measured)
     recording = np.repeat(np.arange(len(balances)), [len(balance.windows) for balance in balances])
     return WindowResiduals(windows, recording, parts)

@@ -26,7 +26,7 @@ _PARTS = {
     "time": "stretches of time",
 }
 #: Advice where nothing could be tested.
-HOW = "A recording that was not fitted tests it: --validate."
+HOW = "A recording for validation tests it."
 
 
 def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:

@@ -165,7 +165,7 @@ def _hopeless(found: WrongSetup) -> str:
             "its rate, with the times of these readings (`clock:` in the map)"
         )
     if found.kind == "another_machine":
-        return "diagnose the recordings of one machine at a time, or give --mixed"
+        return "diagnose the recordings of one machine at a time, unless they are mixed on purpose"
     return "take all readings from one recording, and import or record again"
 
 

@@ -11,8 +11,8 @@ export function showFall(again = false) {
   put("fall", null);
   if (!rows.length) return;
   const figure = P.figure({
-    height: 260, sizing_mode: "stretch_width", x_range: new Bokeh.FactorRange({ factors: rows.map((own) => own.what) }), y_axis_type: "log",
-    tools: "", toolbar_location: null, title: "χ²/N with every change; 1 is the noise floor",
+    height: 240, sizing_mode: "stretch_width", x_range: new Bokeh.FactorRange({ factors: rows.map((own) => own.what) }), y_axis_type: "log",
+    tools: "", toolbar_location: null, title: rows.at(-1).fitted < rows[0].fitted ? "The error falls: χ²/N with every change; 1 is the noise floor" : "χ²/N with every change; 1 is the noise floor",
   });
   const [one, other] = colours();
   for (const [field, label, colour] of [["fitted", "fitted", one], ["unused", "not used to fit", other]]) {

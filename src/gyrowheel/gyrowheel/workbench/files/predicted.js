@@ -1,20 +1,24 @@
 // Torques and voltages of the holds, measured and predicted, over time, tilt and spin rate.
 
-import { P, at, colours, css, element, now, put, table, themed } from "./shared.js";
-import { choose, shown } from "./signals.js";
+import { reveal } from "./layout.js";
+import { P, at, colours, css, element, hear, now, put, table, themed } from "./shared.js";
+import { shown } from "./signals.js";
+import { pick, within } from "./windows.js";
 
 const UNITS = { torque: ["torque, mN·m", "torque"], voltage: ["change of voltage, mV", "voltage"] };
 let quantity = "torque";
 let of = "recording"; // or the key of a running bench
 let drawn = "";
 let listed = null; // what there is to list of the holds
+let sources = []; // of the pictures, one an actuator
+let mirroring = false; // while a choice of another pane is shown
 
 document.addEventListener("click", (event) => {
   const button = event.target.closest("[data-of], [data-live]");
   if (!button) return;
   of = button.dataset.of ?? button.dataset.live;
   showPredicted();
-  if (button.dataset.live) at("predicted-section").scrollIntoView();
+  if (button.dataset.live) reveal("holds");
 });
 
 // A button for the recording, and one for each running bench that has holds.
@@ -55,7 +59,8 @@ export function showPredicted(again = false) {
   const mark = JSON.stringify([key, quantity, holds]);
   if (mark === drawn && !again) return;
   drawn = mark;
-  at("predicted-section").hidden = !holds && !running.length;
+  at("predicted-none").hidden = Boolean(holds);
+  at("quantity").hidden = at("predicted").hidden = !holds;
   listed = holds ? { holds, live, key } : null;
   list();
   if (!holds) {
@@ -75,7 +80,7 @@ export function showPredicted(again = false) {
       return entry;
     }),
   );
-  const sources = holds.actuators.map((actuator) => {
+  sources = holds.actuators.map((actuator) => {
     const { measured, error, predicted, before } = actuator[quantity];
     return new Bokeh.ColumnDataSource({
       data: {
@@ -92,12 +97,13 @@ export function showPredicted(again = false) {
     axes.forEach(([field, title], column) => {
       const last = row === holds.actuators.length - 1;
       const figure = P.figure({
-        height: last ? 205 : 175, sizing_mode: "stretch_width", tools: "tap,pan,wheel_zoom,reset", toolbar_location: null, x_range: ranges[column],
+        height: last ? 150 : 120, sizing_mode: "stretch_both", tools: "tap,pan,wheel_zoom,reset", toolbar_location: null, x_range: ranges[column],
         title: column ? "" : actuator.title,
       });
       if (last) figure.below[0].axis_label = title;
+      figure.below[0].ticker.desired_num_ticks = figure.left[0].ticker.desired_num_ticks = 4;
       if (!column) figure.left[0].axis_label = UNITS[quantity][0];
-      figure.min_border_left = 60;
+      figure.min_border_left = 40;
       const x = { field };
       figure.segment(x, { field: "low" }, x, { field: "high" }, { source, line_color: one, line_width: 1 });
       figure.scatter(x, { field: "measured" }, { source, size: 7, fill_color: one, line_color: null, nonselection_alpha: 0.25 });
@@ -113,12 +119,10 @@ export function showPredicted(again = false) {
     });
     source.selected.properties.indices.change.connect(() => {
       const [k] = source.selected.indices;
-      if (k === undefined || live) return;
-      for (const each of sources) if (each !== source) each.selected.indices = [...source.selected.indices];
-      look(key, holds, k);
+      if (k !== undefined && !live && !mirroring) look(key, holds, k);
     });
   });
-  put("predicted", new Bokeh.GridBox({ children, sizing_mode: "stretch_width", spacing: 4 }));
+  put("predicted", new Bokeh.GridBox({ children, sizing_mode: "stretch_both", spacing: 4 }));
   at("predicted-said").replaceChildren(
     ...holds.actuators.map((actuator) => element("li", `${actuator.title}: ${actuator.said.replace("SE", "standard errors")}`)),
     element("li", holds.calibrated
@@ -127,11 +131,26 @@ export function showPredicted(again = false) {
   );
 }
 
-// Shows the samples of a hold.
-function look(key, holds, k) {
-  const margin = 0.25 * (holds.end[k] - holds.start[k]) + 0.1;
-  choose(key, holds.start[k] - margin, holds.end[k] + margin);
+// Shows the samples of a hold, and chooses its windows in all panes.
+async function look(key, holds, k) {
+  const [start, end] = [holds.start[k], holds.end[k]];
+  const margin = 0.25 * (end - start) + 0.1;
+  pick(within(key, start, end), [key, start - margin, end + margin]);
+  mirror((hold) => hold === k);
 }
+
+// Marks the holds for which a test is true.
+function mirror(test) {
+  mirroring = true;
+  for (const source of sources) source.selected.indices = [...source.data.time.keys()].filter(test);
+  mirroring = false;
+}
+hear("windows", (spans) => {
+  if (!listed || listed.live) return;
+  const { holds, key } = listed;
+  const own = spans[key] ?? [];
+  mirror((k) => own.some(([start, end]) => start < holds.end[k] && end > holds.start[k]));
+});
 
 // The same holds as numbers, with a button for each: for the keyboard, and for who does not see the pictures.
 function list() {

@@ -27,7 +27,6 @@ hear("shown", () => {
   stop();
   states = null;
   cursor = null;
-  at("rotor-section").hidden = false;
   at("rotor-time").max = shown().duration;
   show();
 });
@@ -190,7 +189,7 @@ function axisOf(tilt_x, tilt_y) {
 }
 
 export function show() {
-  if (at("rotor-section").hidden || !canvas.clientWidth) return;
+  if (!canvas.clientWidth || !shown()) return; // its pane is not in sight
   const [wide, high] = [canvas.clientWidth * ratio(), canvas.clientHeight * ratio()].map(Math.round);
   if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
   pen.clearRect(0, 0, wide, high);

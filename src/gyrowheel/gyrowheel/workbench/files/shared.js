@@ -9,7 +9,7 @@ const SIGHT = ["#56B4E9", "#E69F00"]; // the same on dark ground
 
 // What the server says: its state, what was found, and the holds of running benches.
 export const now = { state: null, found: null, live: {} };
-// Carries what one part of the page tells the others: "cursor", "shown", "windows".
+// Carries what one part of the page tells the others: "cursor", "shown", "windows", "layout".
 export const wire = new EventTarget();
 export const say = (name, detail) => wire.dispatchEvent(new CustomEvent(name, { detail }));
 export const hear = (name, listener) => wire.addEventListener(name, (event) => listener(event.detail));
@@ -40,9 +40,15 @@ export async function send(name, content) {
   return result;
 }
 
+// The field of a place for what is said of an error: that of the page, where the place has none or it is not in sight.
+export function troubleField(place) {
+  const own = [...document.querySelectorAll("[data-trouble]")].find((each) => each.dataset.trouble === place);
+  return own && !own.closest("[hidden]") ? own : at("trouble");
+}
+
 export function tell(place, sentence) {
-  const field = [...document.querySelectorAll("[data-trouble]")].find((own) => own.dataset.trouble === place);
-  if (!field) return;
+  const field = troubleField(place);
+  if (!sentence) at("trouble").textContent = "";
   field.textContent = sentence;
   delete field.dataset.said; // it is not the server's
 }
@@ -117,6 +123,20 @@ export function put(place, layout) {
   drawn[place] = Bokeh.documents.at(-1);
 }
 
+// What scrolls is reached with Tab where there is something to scroll, and only there.
+const scrolling = new ResizeObserver((entries) => {
+  for (const { target } of entries) {
+    const own = target.closest("[data-scrolls]");
+    if (own) own.tabIndex = own.scrollWidth > own.clientWidth || own.scrollHeight > own.clientHeight ? 0 : -1;
+  }
+});
+export function scrolls(own) {
+  if (own.dataset.scrolls) return;
+  own.dataset.scrolls = "yes";
+  scrolling.observe(own);
+  for (const part of own.children) scrolling.observe(part);
+}
+
 // A table of texts, its first row as head.
 export function table(rows) {
   const made = element("table");
@@ -124,7 +144,8 @@ export function table(rows) {
     const line = (k ? made.tBodies[0] ?? made.createTBody() : made.createTHead()).insertRow();
     for (const text of cells) line.append(element(k ? "td" : "th", text, { className: "figure" }));
   });
-  const frame = element("div", undefined, { className: "scroll", tabIndex: 0 });
+  const frame = element("div", undefined, { className: "scroll", tabIndex: 0, role: "group", ariaLabel: "table" });
   frame.append(made);
+  scrolls(frame);
   return frame;
 }

@@ -81,13 +81,19 @@ function draw() {
   figures = PANELS.map((panel, k) => {
     const last = k === PANELS.length - 1;
     const figure = P.figure({
-      height: last ? 175 : 140, sizing_mode: "stretch_width", x_range: range, tools: "xpan,xwheel_zoom,xbox_zoom",
+      height: last ? 90 : 60, min_height: last ? 70 : 36, sizing_mode: "stretch_both", x_range: range, tools: "xpan,xwheel_zoom,xbox_zoom",
       active_scroll: "xwheel_zoom", toolbar_location: null, output_backend: "canvas",
     });
-    figure.left[0].axis_label = panel.title;
+    figure.add_layout(new Bokeh.Label({
+      x: 4, y: 1, x_units: "screen", y_units: "screen", anchor: "bottom_left", text: panel.title, text_font_size: "10px",
+      text_color: ink, background_fill_color: css("--card"), background_fill_alpha: 0.75,
+    }));
+    figure.left[0].ticker.desired_num_ticks = 3;
     figure.below[0].visible = last;
     if (last) figure.below[0].axis_label = "time, s";
-    figure.min_border_left = 72;
+    figure.min_border_left = 48;
+    figure.min_border_top = 3;
+    figure.min_border_bottom = 3;
     figure.vstrip({ field: "x0" }, { field: "x1" }, { source: marks.windows, fill_color: "#E69F00", fill_alpha: 0.22, line_color: null });
     figure.vstrip({ field: "x0" }, { field: "x1" }, {
       source: marks.events, fill_color: "#CC79A7", fill_alpha: 0.35, line_color: "#CC79A7", line_width: 2,
@@ -115,14 +121,13 @@ function draw() {
     const legend = figure.center.find((each) => each.type === "Legend");
     themed(figure);
     if (!legend) continue;
-    // above the panel, where it hides no sample
-    figure.center = figure.center.filter((each) => each !== legend);
-    legend.setv({ location: "top_right", orientation: "horizontal", padding: 0, margin: 0, label_height: 12, glyph_height: 12 });
-    figure.add_layout(legend, "above");
-    figure.height += 18;
+    legend.setv({
+      location: "top_right", orientation: "horizontal", padding: 0, margin: 1, label_height: 11, glyph_height: 11,
+      label_text_font_size: "11px", background_fill_alpha: 0.75,
+    });
   }
   // one layout, as figures that share a span or a source must belong together
-  put("plots", new Bokeh.Column({ children: figures, sizing_mode: "stretch_width", spacing: 0 }));
+  put("plots", new Bokeh.Column({ children: figures, sizing_mode: "stretch_both", spacing: 0 }));
   // asked again when the span has stood still for a moment, so that a turned wheel asks once
   const moved = () => {
     clearTimeout(zooming);
@@ -188,8 +193,8 @@ async function fetchSpan(from, until) {
   }
   const count = lines.t.length;
   at("span").textContent =
-    `${own.name}, ${from.toFixed(3)} to ${until.toFixed(3)} s: ` +
-    (count < POINTS ? `${count} samples, every one.` : "minimum and maximum of each interval, so that no spike is lost.");
+    `${from.toFixed(3)} to ${until.toFixed(3)} s, ` +
+    (count < POINTS ? `${count} samples, every one.` : "extremes of each interval: no spike is lost.");
   at("plots").dataset.drawn = `${from},${until},${count}`;
   at("plots").dataset.milliseconds = (performance.now() - began).toFixed(1);
 }
@@ -223,7 +228,7 @@ export function showFound() {
     }),
   );
   at("drawn").textContent =
-    "Dashed: setpoints of the plan." + (holds ? " Thick: what the model predicts for each hold." : "");
+    "Dashed: setpoints of the plan." + (holds ? " Thick: what the model predicts for each hold." : "") + " Shaded: the chosen windows.";
 }
 
 function showChosen() {

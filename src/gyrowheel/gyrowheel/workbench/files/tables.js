@@ -1,6 +1,7 @@
 // A table that is dropped on the page, or chosen: it is sent to the server, which suggests a map for it.
 
-import { at, element, tell } from "./shared.js";
+import { close, reveal } from "./layout.js";
+import { at, element } from "./shared.js";
 
 let sending = null;
 
@@ -23,14 +24,18 @@ for (const name of ["dragover", "drop", "dragleave"]) {
       return refuse(`${file.name} is a folder. A recording is opened from the list on the left: start the workbench with the folder that it is in.`);
     }
     upload(file);
-    if (others.length) tell("table", "One table at a time: the first one is used.");
+    if (others.length) say("One table at a time: the first one is used.");
   });
 }
 
-function refuse(sentence) {
-  tell("table", sentence);
+// Said in the pane itself, which opens for it.
+function say(sentence) {
+  document.querySelector('[data-trouble="table"]').textContent = sentence;
   showTable();
-  at("table").scrollIntoView();
+}
+
+function refuse(sentence) {
+  say(sentence);
 }
 
 function upload(file) {
@@ -51,22 +56,22 @@ function upload(file) {
     ended = true;
     asked.abort();
   };
-  tell("table", "");
+  say("");
   asked.upload.onprogress = (event) => {
     if (event.lengthComputable) bar.value = event.loaded / event.total;
   };
   asked.onloadend = () => {
     sending = null;
     show();
-    let said = {};
+    let answer = {};
     try {
-      said = JSON.parse(asked.responseText);
+      answer = JSON.parse(asked.responseText);
     } catch {
       // nothing came
     }
     if (asked.status === 401) location.reload();
     const lost = ended ? "ended" : "not sent: the server does not answer";
-    if (asked.status !== 200) tell("table", asked.status === 0 ? lost : (said.error ?? asked.statusText));
+    if (asked.status !== 200) say(asked.status === 0 ? lost : (answer.error ?? asked.statusText));
     showTable();
   };
   asked.open("POST", `/table?${new URLSearchParams({ name: file.name })}`);
@@ -75,15 +80,16 @@ function upload(file) {
   show(element("span", `sending ${file.name}`), bar, end);
 }
 
-// The part is there while there is a table, one is on its way, or something is to be said about one.
+// The pane is there while there is a table, one is on its way, or something is to be said about one.
 let there = false;
 export function showTable() {
   const draft = at("part-table").childElementCount > 0;
   const said = document.querySelector('[data-trouble="table"]').textContent;
-  at("table").hidden = !(draft || sending || said);
-  if (draft && !there) {
-    at("table").scrollIntoView();
-    at("h-table").focus({ preventScroll: true });
-  }
-  there = draft;
+  const wanted = Boolean(draft || sending || said);
+  if (wanted === there) return;
+  there = wanted;
+  at("pane-table").dataset.there = wanted ? "yes" : "";
+  if (!wanted) return close("table");
+  reveal("table");
+  at("h-table").focus({ preventScroll: true });
 }

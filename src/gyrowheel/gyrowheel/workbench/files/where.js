@@ -1,13 +1,13 @@
-// Where the model fails: windows in the tilt plane and over the spin rate, every channel over every variable, linked.
+// Where the model fails: windows in the tilt plane and over a variable, every channel over every variable, linked.
 
-import { P, at, dark, element, fixed, now, put, say, send, table, tell, themed } from "./shared.js";
-import { choose } from "./signals.js";
+import { P, at, css, dark, element, hear, now, put, scrolls, themed } from "./shared.js";
+import { channel, current, link, pick, setChannel, walk, windows } from "./windows.js";
 
 const WORST = 1000; // χ²/N at the end of the colours
-let source = null;
-let drawn = null;
-let seen = null; // what was found, as it was drawn
-let channel = "tilt";
+let drawn = null; // windows and maps, as they were drawn
+let seen = null;
+let variable = ""; // of the right picture
+let ring = null; // around the window at the cursor
 
 // White for noise, on to red; on dark ground from dark to bright.
 function shade(value) {
@@ -27,77 +27,101 @@ const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
 export function showWhere(again = false) {
   if (now.found === seen && !again) return;
   seen = now.found;
-  const w = now.found?.windows ?? null;
+  const w = windows();
   const text = JSON.stringify([w, now.found?.maps]);
   if (text === drawn && !again) return;
+  if (w && text !== drawn && (w.fails || !(variable in w.over))) variable = w.variable;
   drawn = text;
   put("where", null);
   at("where").tabIndex = w ? 0 : -1;
-  say("windows", {});
+  at("where-line").hidden = !w;
   at("map").replaceChildren();
-  at("chosen").replaceChildren();
+  at("map-help").hidden = Boolean(w);
   at("where-help").textContent = w
     ? "Each point is a window of steady motion" +
-      (w.of_coils ? ", each line the residual torque of the coils from the tilt at which it acts. " : ". ") +
-      "Choose points with a click or a box, by the arrow keys (right and left in time, down to less bad and up to worse, with Shift " +
-      "more of them, Escape none), or a cell of the map below: their samples are shown above."
-    : "Compare and diagnose first.";
+      (w.of_coils ? ", each line the residual torque of the coils, cut off where it is more than twice as long as most" : "") +
+      (w.noisy.some(Boolean) ? "; a cross is far noisier than the others" : "") +
+      ". Choose points by click or box, or with arrow keys (right, left: in time; down, up: less bad, worse; with Shift more; Escape: none). Wheel: zoom; double click: all."
+    : "";
+  at("where-none").hidden = Boolean(w);
   if (!w) return;
-  if (!(channel in w.chi2)) channel = w.of_coils ? "tilt" : Object.keys(w.chi2)[0];
+  options("where-channel", Object.entries(w.chi2).map(([name, { title }]) => [name, title]));
+  options("where-variable", now.found.maps.map((own) => [own.variable, own.title.split(", ")[0]]));
   plane(w);
   map(w);
 }
 
-// No cell of the map stands for what is chosen.
-function release() {
-  for (const cell of at("map").querySelectorAll("[aria-pressed]")) cell.removeAttribute("aria-pressed");
+function options(id, entries) {
+  at(id).replaceChildren(...entries.map(([value, title]) => element("option", title, { value })));
 }
+for (const id of ["where-channel", "where-variable"]) {
+  at(id).addEventListener("change", () => look(at("where-channel").value, at("where-variable").value));
+}
+
+// Draws another channel, or over another variable.
+function look(name, over) {
+  if (name === channel && over === variable) return;
+  setChannel(name);
+  variable = over;
+  plane(windows());
+}
+
+// No cell of the map stands for what is chosen, unless it was pressed now.
+hear("picked", () => {
+  for (const cell of at("map").querySelectorAll("[aria-pressed]")) cell.removeAttribute("aria-pressed");
+});
 
 function plane(w) {
-  const chi2 = w.chi2[channel].values;
-  const scale = w.noisy.map((noisy) => (noisy ? 0 : w.arrow));
-  source = new Bokeh.ColumnDataSource({
+  at("where-channel").value = channel;
+  at("where-variable").value = variable;
+  const { values: chi2, title } = w.chi2[channel];
+  const over = now.found.maps.find((own) => own.variable === variable);
+  const order = [...chi2.keys()].sort((a, b) => chi2[a] - chi2[b]); // the worst on top of those at the same tilt
+  const column = (make) => order.map(make);
+  const source = new Bokeh.ColumnDataSource({
     data: {
-      x: w.tilt_x, y: w.tilt_y, speed: w.speed, chi2: chi2.map((v) => Math.max(v, 0.05)),
-      x1: w.tilt_x.map((x, k) => x + scale[k] * w.residual_x[k]), y1: w.tilt_y.map((y, k) => y + scale[k] * w.residual_y[k]),
-      colour: chi2.map(shade), marker: w.noisy.map((noisy) => (noisy ? "x" : "circle")),
+      x: column((k) => w.tilt_x[k]), y: column((k) => w.tilt_y[k]), over: column((k) => w.over[variable][k]),
+      x1: column((k) => w.tilt_x[k] + w.arrow_x[k]), y1: column((k) => w.tilt_y[k] + w.arrow_y[k]),
+      chi2: column((k) => Math.max(chi2[k], 0.05)), colour: column((k) => shade(chi2[k])),
+      marker: column((k) => (w.noisy[k] ? "x" : "circle")),
     },
   });
+  ring = new Bokeh.ColumnDataSource({ data: { k: [], x: [], y: [], over: [], chi2: [] } });
   const mark = { source, size: 9, marker: { field: "marker" }, fill_color: { field: "colour" }, line_color: "#777777", nonselection_alpha: 0.2 };
-  const title = w.chi2[channel].title;
-  const options = { height: 430, sizing_mode: "stretch_width", tools: "tap,box_select,pan,wheel_zoom,reset", toolbar_location: "right" };
-  const left = P.figure({ ...options, title: `tilt plane; colour: χ²/N of the ${title} (1: noise)`, match_aspect: true });
+  const around = { source: ring, size: 17, fill_color: null, line_color: css("--accent"), line_width: 2 };
+  const tools = { height: 200, min_height: 150, sizing_mode: "stretch_both", tools: "tap,box_select,wheel_zoom,reset", active_drag: "box_select", active_scroll: "wheel_zoom", toolbar_location: null };
+  const left = P.figure({ ...tools, title: `tilt plane, colour: χ²/N of ${title}`, match_aspect: true });
   left.below[0].axis_label = "tilt about x, °";
   left.left[0].axis_label = "tilt about y, °";
-  left.segment({ field: "x" }, { field: "y" }, { field: "x1" }, { field: "y1" }, { source, line_color: "#888888", line_width: 1.5 });
+  if (w.of_coils && channel.startsWith("tilt")) {
+    left.segment({ field: "x" }, { field: "y" }, { field: "x1" }, { field: "y1" }, { source, line_color: "#888888", line_width: 1.5 });
+  }
   left.scatter({ field: "x" }, { field: "y" }, mark);
-  const right = P.figure({ ...options, title: `χ²/N of the ${title} over the spin rate`, y_axis_type: "log" });
-  right.below[0].axis_label = "spin rate, rpm";
+  left.scatter({ field: "x" }, { field: "y" }, around);
+  const right = P.figure({ ...tools, title: `χ²/N of ${title}`, y_axis_type: "log" });
+  right.below[0].axis_label = over.title;
   right.left[0].axis_label = "χ²/N";
-  right.scatter({ field: "speed" }, { field: "chi2" }, mark);
-  put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 16, sizing_mode: "stretch_width" }));
-  source.selected.properties.indices.change.connect(() => {
-    release();
-    choosing([...source.selected.indices]);
-  });
+  right.add_layout(new Bokeh.Span({ location: 1, dimension: "width", line_color: css("--soft"), line_dash: "dashed" }));
+  right.scatter({ field: "over" }, { field: "chi2" }, mark);
+  right.scatter({ field: "over" }, { field: "chi2" }, around);
+  for (const figure of [left, right]) figure.on_event("doubletap", () => figure.reset.emit());
+  put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 8, sizing_mode: "stretch_both" }));
+  link("where", source, order);
+  at("where").dataset.drawn = `${channel} ${variable}`;
+  circle();
 }
 
-// Windows one by one: in time, or from the worst on.
-at("where").addEventListener("keydown", (event) => {
-  const chi2 = now.found?.windows?.chi2[channel].values;
-  if (!chi2 || !source) return;
-  const selected = source.selected.indices;
-  if (event.key === "Escape") return void (source.selected.indices = []);
-  const worstFirst = [...chi2.keys()].sort((a, b) => chi2[b] - chi2[a]);
-  const inTime = event.key === "ArrowRight" || event.key === "ArrowLeft";
-  const step = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: 1, ArrowUp: -1 }[event.key];
-  if (step === undefined && event.key !== "Home") return;
-  event.preventDefault();
-  const order = inTime ? [...chi2.keys()] : worstFirst;
-  const last = selected.at(-1); // the one that was chosen last
-  const k = step === undefined || last === undefined ? 0 : Math.min(Math.max(order.indexOf(last) + step, 0), order.length - 1);
-  source.selected.indices = [...(event.shiftKey ? selected.filter((own) => own !== order[k]) : []), order[k]];
-});
+function circle() {
+  const w = windows();
+  if (!ring || !w) return;
+  const own = current < 0 ? [] : [current];
+  ring.data = {
+    k: own, x: own.map((k) => w.tilt_x[k]), y: own.map((k) => w.tilt_y[k]), over: own.map((k) => w.over[variable][k]),
+    chi2: own.map((k) => Math.max(w.chi2[channel].values[k], 0.05)),
+  };
+}
+hear("current", circle);
+at("where").addEventListener("keydown", walk);
 
 // --- every channel over every variable: a grid of buttons, one of which is in the order of Tab
 
@@ -128,11 +152,8 @@ function map(w) {
         button.style.color = legible(button.style.background);
         button.setAttribute("aria-label", `${title}, ${own.title} ${cell.label}: χ²/N ${short(value)}`);
         button.onclick = () => {
-          const other = channel !== name;
-          channel = name;
-          if (other) plane(w);
-          release();
-          source.selected.indices = cell.windows;
+          look(name, own.variable);
+          pick(cell.windows);
           button.setAttribute("aria-pressed", "true");
         };
         place.append(button);
@@ -151,53 +172,8 @@ function map(w) {
     buttons[k].tabIndex = 0;
     buttons[k].focus();
   });
-  const frame = element("div", undefined, { className: "scroll" });
+  const frame = element("div", undefined, { className: "scroll", tabIndex: -1 });
   frame.append(grid);
+  scrolls(frame);
   at("map").append(frame);
-}
-
-let turn = 0;
-async function choosing(indices) {
-  const w = now.found.windows;
-  const place = at("chosen");
-  const mine = ++turn;
-  place.replaceChildren();
-  tell("where", "");
-  if (!w || !indices.length) return say("windows", {});
-  const chi2 = w.chi2[channel].values;
-  const sorted = [...indices].sort((a, b) => chi2[b] - chi2[a]);
-  const key = w.recording[sorted[0]];
-  const spans = {};
-  for (const k of indices) (spans[w.recording[k]] ??= []).push([w.start[k], w.start[k] + w.duration[k]]);
-  // the worst is looked at, the others are marked
-  const [start, end] = [w.start[sorted[0]], w.start[sorted[0]] + w.duration[sorted[0]]];
-  const margin = 0.25 * (end - start) + 0.1;
-  await choose(key, start - margin, end + margin);
-  say("windows", spans);
-  let said;
-  try {
-    said = await send("region", { windows: indices.join(",") });
-  } catch (error) {
-    return tell("where", error.message);
-  }
-  if (mine !== turn) return;
-  const percent = (share) => `${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %`;
-  place.append(
-    element("p", `${indices.length} of ${w.start.length} windows chosen; they have ${percent(said.share)} of the whole χ². What the residual looks like in them:`),
-    table([["share of χ²", "where", "shape of the residual"], ...said.said.map((own) => [percent(own.share), own.where, own.looks])]),
-  );
-  place.lastChild.classList.add("said");
-  const kinds = Object.values(w.chi2);
-  const several = Object.keys(spans).length > 1;
-  const name = (k) => now.state.signals.find((each) => each.key === w.recording[k])?.name ?? "";
-  place.append(
-    element("p", indices.length > 12 ? "The twelve worst windows:" : "Window by window:"),
-    table([
-      [...(several ? ["recording"] : []), "time, s", "tilt x, °", "tilt y, °", "rpm", ...(w.of_coils ? [`residual x, ${w.unit}`, `residual y, ${w.unit}`] : []), ...kinds.map((c) => `χ²/N ${c.title}`)],
-      ...sorted.slice(0, 12).map((k) => [
-        ...(several ? [name(k)] : []), w.start[k].toFixed(2), fixed(w.tilt_x[k], 2), fixed(w.tilt_y[k], 2), w.speed[k].toFixed(0),
-        ...(w.of_coils ? [fixed(w.residual_x[k], 3), fixed(w.residual_y[k], 3)] : []), ...kinds.map((c) => c.values[k].toFixed(1)),
-      ]),
-    ]),
-  );
 }

@@ -1,10 +1,13 @@
 // The page of the workbench: shows the state of the server, and sends what the user asks for.
 // All words and tables come from the server, which escapes them; pictures are made by the parts that are imported here.
 
-import { ask, at, dark, element, hear, now, remember, remembered, send, tell } from "./shared.js";
+import { ask, at, dark, element, hear, now, remember, remembered, scrolls, send, tell, troubleField } from "./shared.js";
+import "./layout.js";
 import { redraw, showFound, showSignals } from "./signals.js";
 import { showPredicted } from "./predicted.js";
+import { showWindows } from "./windows.js";
 import { showWhere } from "./where.js";
+import { showResidual } from "./residual.js";
 import { showFall } from "./fall.js";
 import { showTable } from "./tables.js";
 import { show as showRotor } from "./rotor.js";
@@ -81,9 +84,10 @@ async function show() {
   await showSignals();
   showFound();
   showPredicted();
+  showWindows();
   showWhere();
+  showResidual();
   showFall();
-  at("rotor-section").hidden = !now.state.signals.length;
   showRotor();
 }
 
@@ -115,8 +119,25 @@ function writeParts() {
     waiting[name] = target?.disabled ? focus : null;
     shown[name] = html;
   }
+  filter();
+  for (const own of document.querySelectorAll(".scroll, #part-verdict .line")) scrolls(own);
   showTrouble();
   showTable();
+}
+
+// --- the list of recordings: those that are open stay, of the others those whose words are all in the filter
+
+at("filter").addEventListener("input", filter);
+function filter() {
+  const words = at("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
+  const rows = [...document.querySelectorAll("#part-recordings li[data-words]")];
+  let left = 0;
+  for (const row of rows) {
+    row.hidden = !words.every((word) => row.dataset.words.toLowerCase().includes(word));
+    left += !row.hidden;
+  }
+  at("filter-line").hidden = rows.length < 6 && !words.length;
+  at("filter-said").textContent = words.length ? `${left} of ${rows.length}` : "";
 }
 
 addEventListener("pointerdown", (event) => (pressed = event.button === 0 && Boolean(event.target.closest?.("button, a, summary"))), true);
@@ -132,8 +153,9 @@ for (const name of ["pointerup", "pointercancel", "blur"]) {
 // What the server says of an error, next to its cause; announced once to those who listen.
 function showTrouble() {
   const { trouble, job } = now.state;
+  const target = trouble && troubleField(trouble.place);
   for (const field of document.querySelectorAll("[data-trouble]")) {
-    if (trouble?.place === field.dataset.trouble) {
+    if (field === target) {
       if (field.textContent !== trouble.sentence) field.textContent = trouble.sentence;
       field.dataset.said = "by the server";
     } else if (field.dataset.said || (!trouble && job)) {
@@ -176,8 +198,7 @@ document.addEventListener("click", async (event) => {
   const button = event.target.closest("button[data-do]");
   if (!button) return;
   const { do: name, ...content } = button.dataset;
-  const places = { undo: "model", demonstrate: "recordings", test: "test", drop_table: "table" };
-  const place = name === "open" || name === "close" ? `open ${content.key}` : (places[name] ?? "missing");
+  const place = name === "open" || name === "close" ? `open ${content.key}` : name === "drop_table" ? "table" : "page";
   try {
     tell(place, "");
     await send(name, content);
@@ -190,7 +211,7 @@ document.addEventListener("submit", async (event) => {
   const form = event.target.closest("form[data-do]");
   if (!form) return;
   event.preventDefault();
-  const place = { save: "save", map_table: "table", add: "missing" }[form.dataset.do] ?? "formula";
+  const place = { map_table: "table", add_formula: "formula" }[form.dataset.do] ?? "page";
   try {
     tell(place, "");
     await send(form.dataset.do, Object.fromEntries(new FormData(form, event.submitter)));
@@ -228,7 +249,9 @@ async function checkFormula() {
 dark.addEventListener("change", () => {
   redraw();
   showPredicted(true);
+  showWindows(true);
   showWhere(true);
+  showResidual(true);
   showFall(true);
 });
 

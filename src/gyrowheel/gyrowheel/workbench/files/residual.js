@@ -1,0 +1,205 @@
+// The residual of a channel: measured and predicted, and what is left with its noise, over any variable; and whether it is noise.
+
+import { P, at, colours, css, element, hear, now, put, themed } from "./shared.js";
+import { shown } from "./signals.js";
+import { channel, link, walk, windows } from "./windows.js";
+
+const TURN = 73; // angles at which a turn is drawn
+let drawn = ""; // what is drawn, with the choices
+let row = 0; // number of the row of a channel
+let over = "time";
+let view = "over"; // or "noise"
+let line = null; // at the cursor, where time is drawn
+let picked = [];
+
+for (const button of at("residual-view").querySelectorAll("button")) {
+  button.addEventListener("click", () => {
+    view = button.dataset.view;
+    showResidual();
+  });
+}
+at("residual-row").addEventListener("change", () => {
+  row = Number(at("residual-row").value);
+  showResidual();
+});
+at("residual-over").addEventListener("change", () => {
+  over = at("residual-over").value;
+  showResidual();
+});
+hear("shown", () => showResidual());
+hear("channel", () => {
+  const k = now.found?.residuals?.findIndex((own) => own.channel === channel) ?? -1;
+  if (k < 0 || now.found.residuals[row]?.channel === channel) return;
+  row = k;
+  showResidual();
+});
+hear("picked", (windows) => {
+  picked = windows;
+  if (over === "angle" && view === "over") showResidual();
+});
+hear("cursor", ({ time }) => line?.setv({ location: time, visible: true }));
+at("residual").addEventListener("keydown", walk);
+
+let seen = null;
+export function showResidual(again = false) {
+  const rows = now.found?.residuals ?? [];
+  at("residual-none").hidden = rows.length > 0;
+  at("residual-line").hidden = !rows.length;
+  if (now.found !== seen) {
+    seen = now.found;
+    if (rows[row]?.channel !== channel) row = Math.max(rows.findIndex((own) => own.channel === channel), 0);
+    at("residual-row").replaceChildren(...rows.map((own, k) => element("option", own.title, { value: String(k) })));
+    const angle = rows.some((own) => own.order) ? [["angle", "shaft angle"]] : [];
+    const names = [...(now.found?.maps ?? []).map((own) => [own.variable, own.title.split(", ")[0]]), ...angle];
+    at("residual-over").replaceChildren(...names.map(([value, title]) => element("option", title, { value })));
+    if (!names.some(([name]) => name === over)) over = "time";
+  }
+  for (const button of at("residual-view").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.view === view));
+  at("residual-over").disabled = view !== "over";
+  at("residual-row").value = String(row);
+  at("residual-over").value = over;
+  const own = rows[row];
+  const mark = JSON.stringify([own, over, view, over === "time" ? shown()?.key : null, over === "angle" ? picked : null]);
+  if (mark === drawn && !again) return;
+  drawn = mark;
+  line = null;
+  put("residual", null);
+  at("residual").tabIndex = own ? 0 : -1;
+  at("residual-said").textContent = "";
+  if (!own) return;
+  if (view === "noise") noise(own);
+  else if (over === "angle") turn(rows);
+  else against(own);
+}
+
+function figure(options) {
+  const made = P.figure({ height: 90, min_height: 70, sizing_mode: "stretch_both", tools: "xpan,xwheel_zoom,reset", active_scroll: "xwheel_zoom", toolbar_location: null, ...options });
+  made.min_border_left = 56;
+  made.on_event("doubletap", () => made.reset.emit());
+  if ("range_padding" in made.y_range) made.y_range.range_padding = 0.2;
+  made.left[0].ticker.desired_num_ticks = 4;
+  return made;
+}
+
+function sign(size) {
+  return { size, line_color: null, nonselection_alpha: 0.25 };
+}
+
+// Measured and predicted above, below the residual on its noise, over a variable.
+function against(own) {
+  const w = windows();
+  const key = shown()?.key;
+  const [one, other] = colours();
+  // over time, the windows of the recording that is shown
+  const order = [...own.residual.keys()].filter((k) => over !== "time" || w.recording[k] === key);
+  order.sort((a, b) => w.over[over][a] - w.over[over][b]);
+  const column = (values) => order.map((k) => values[k]);
+  const x = column(w.over[over]);
+  const nothing = order.map(() => NaN);
+  const source = new Bokeh.ColumnDataSource({
+    data: {
+      x, residual: column(own.residual), low: order.map((k) => -own.sigma[k]), high: order.map((k) => own.sigma[k]),
+      measured: own.measured ? column(own.measured) : nothing, predicted: own.predicted ? column(own.predicted) : nothing,
+      before: own.before ? column(own.before) : nothing, marker: order.map((k) => (w.noisy[k] ? "x" : "circle")),
+    },
+  });
+  const range = new Bokeh.DataRange1d();
+  const title = now.found.maps.find((each) => each.variable === over).title;
+  const above = figure({ x_range: range, title: `${own.title}, ${own.unit}: measured (dots) and predicted (crosses)`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
+  above.scatter({ field: "x" }, { field: "measured" }, { source, fill_color: one, ...sign(7) });
+  above.scatter({ field: "x" }, { field: "predicted" }, { source, marker: "x", ...sign(9), line_color: other, line_width: 2 });
+  const below = figure({ x_range: range, title: `residual, ${own.unit}, on its noise of ±1 σ`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
+  const band = new Bokeh.ColumnDataSource({ data: { x, low: source.data.low, high: source.data.high } });
+  if (over === "time") below.varea({ field: "x" }, { field: "low" }, { field: "high" }, { source: band, fill_color: css("--soft"), fill_alpha: 0.18 });
+  below.segment({ field: "x" }, { field: "low" }, { field: "x" }, { field: "high" }, { source: band, line_color: css("--soft"), line_alpha: 0.6 });
+  below.add_layout(new Bokeh.Span({ location: 0, dimension: "width", line_color: css("--soft") }));
+  if (own.before) below.scatter({ field: "x" }, { field: "before" }, { source, marker: "cross", ...sign(9), line_color: css("--soft"), line_width: 1.5 });
+  below.scatter({ field: "x" }, { field: "residual" }, { source, marker: { field: "marker" }, ...sign(7), fill_color: one, line_color: one });
+  below.below[0].axis_label = title;
+  if (over === "time") {
+    line = new Bokeh.Span({ dimension: "height", location: 0, line_color: css("--ink"), line_dash: "dotted", visible: false });
+    below.add_layout(line);
+  }
+  const children = own.measured ? [themed(above), themed(below)] : [themed(below)];
+  put("residual", new Bokeh.Column({ children, sizing_mode: "stretch_both" }));
+  link("residual", source, order);
+  const beyond = order.filter((k) => Math.abs(own.residual[k]) > own.sigma[k]).length;
+  at("residual-said").textContent =
+    `${beyond} of ${order.length} windows lie beyond their noise of ±1 σ; of noise alone about ${Math.round(0.317 * order.length)} do.` +
+    (own.before ? " Grey: before the last change of the model." : "");
+}
+
+// The residual torque of the coils over a turn of the shaft, from its parts once and twice a turn, in the chosen windows or in all.
+function turn(rows) {
+  const [one, other] = colours();
+  const harmonics = rows.filter((own) => own.order && own.channel.startsWith("tilt"));
+  const windows = picked.length ? picked : [...rows[0].residual.keys()];
+  const parts = harmonics.map((own) => {
+    const weight = windows.map((k) => own.sigma[k] ** -2);
+    const whole = weight.reduce((sum, each) => sum + each, 0);
+    return { order: own.order, place: own.place, mean: windows.reduce((sum, k, i) => sum + weight[i] * own.residual[k], 0) / whole, variance: 1 / whole };
+  });
+  if (!parts.length) return void (at("residual-said").textContent = "These recordings have no parts once or twice a turn.");
+  const unit = harmonics[0].unit;
+  const angle = Array.from({ length: TURN }, (_, k) => (360 * k) / (TURN - 1));
+  // x + i y is the sum of (a + i b) exp(i n angle)
+  const sum = (axis, degrees) =>
+    parts.reduce((all, { order, place, mean }) => {
+      const [c, s] = [Math.cos((order * degrees * Math.PI) / 180), Math.sin((order * degrees * Math.PI) / 180)];
+      return all + mean * (axis ? (place ? c : s) : place ? -s : c);
+    }, 0);
+  // both parts of an order have the same noise, so that of their sum is the same at every angle
+  const sigma = Math.sqrt(parts.filter(({ place }) => !place).reduce((all, { variance }) => all + variance, 0));
+  const figures = ["x", "y"].map((name, axis) => {
+    const y = angle.map((own) => sum(axis, own));
+    const source = new Bokeh.ColumnDataSource({ data: { angle, y, low: y.map((own) => own - sigma), high: y.map((own) => own + sigma) } });
+    const made = figure({ title: `residual torque of the coils about ${name}, ${unit}, ±1 σ` });
+    made.varea({ field: "angle" }, { field: "low" }, { field: "high" }, { source, fill_color: css("--soft"), fill_alpha: 0.3 });
+    made.line({ field: "angle" }, { field: "y" }, { source, line_color: axis ? other : one, line_width: 2 });
+    made.add_layout(new Bokeh.Span({ location: 0, dimension: "width", line_color: css("--soft") }));
+    if (axis) made.below[0].axis_label = "shaft angle, °";
+    return themed(made);
+  });
+  put("residual", new Bokeh.Column({ children: figures, sizing_mode: "stretch_both" }));
+  at("residual-said").textContent = `Sum of the parts once and twice a turn, mean of ${picked.length ? `the ${picked.length} chosen` : "all"} windows.`;
+}
+
+// Whether the residual is noise: order in time, frequency, distribution. All in units of the noise.
+function noise(own) {
+  const found = own.noise;
+  if (!found) return void (at("residual-said").textContent = "Too few windows.");
+  const [one] = colours();
+  const soft = css("--soft");
+  const level = (made, location, dimension = "width") => made.add_layout(new Bokeh.Span({ location, dimension, line_color: soft, line_dash: "dashed" }));
+  const source = (data) => new Bokeh.ColumnDataSource({ data });
+  const f = figure({ title: "spectrum (1: noise)", y_range: new Bokeh.Range1d({ start: 0, end: 1.15 * Math.max(found.level, ...found.power) }) });
+  f.below[0].axis_label = "frequency, Hz";
+  f.segment({ field: "x" }, 0, { field: "x" }, { field: "y" }, { source: source({ x: found.frequency, y: found.power }), line_color: one, line_width: 2 });
+  level(f, found.level);
+  const most = 1.15 * Math.max(found.band, ...found.correlation.map(Math.abs));
+  const c = figure({ title: "autocorrelation", y_range: new Bokeh.Range1d({ start: -most, end: most }) });
+  c.below[0].axis_label = "lag, windows";
+  c.segment({ field: "x" }, 0, { field: "x" }, { field: "y" }, { source: source({ x: found.correlation.map((_, k) => k + 1), y: found.correlation }), line_color: one, line_width: 3 });
+  level(c, found.band);
+  level(c, -found.band);
+  const q = figure({ title: "quantiles; grey: of noise" });
+  q.below[0].axis_label = "of a normal distribution";
+  const data = source({ x: found.quantile, y: found.white, low: found.low, high: found.high });
+  q.varea({ field: "x" }, { field: "low" }, { field: "high" }, { source: data, fill_color: soft, fill_alpha: 0.3 });
+  q.scatter({ field: "x" }, { field: "y" }, { source: data, size: 6, fill_color: one, line_color: null });
+  const h = figure({ title: "distribution, and noise (line)" });
+  h.below[0].axis_label = "residual in units of its noise";
+  const n = found.white.length;
+  const reach = Math.max(4, Math.ceil(Math.max(-found.white[0], found.white[n - 1])));
+  const width = Math.max(0.5, reach / 20);
+  const left = Array.from({ length: Math.round((2 * reach) / width) }, (_, k) => -reach + k * width);
+  const top = left.map((low) => found.white.filter((own) => own >= low && own < low + width).length);
+  h.quad({ field: "left" }, { field: "right" }, { field: "top" }, 0, { source: source({ left, right: left.map((own) => own + width), top }), fill_color: one, fill_alpha: 0.5, line_color: null });
+  const x = Array.from({ length: 81 }, (_, k) => -4 + k / 10);
+  h.line({ field: "x" }, { field: "y" }, { source: source({ x, y: x.map((own) => (n * width * Math.exp(-0.5 * own * own)) / Math.sqrt(2 * Math.PI)) }), line_color: css("--ink"), line_width: 2 });
+  const children = [[themed(f), 0, 0], [themed(c), 0, 1], [themed(h), 1, 0], [themed(q), 1, 1]];
+  put("residual", new Bokeh.GridBox({ children, sizing_mode: "stretch_both", spacing: 4 }));
+  const out = found.correlation.filter((each) => Math.abs(each) > found.band).length;
+  at("residual-said").textContent =
+    `${own.title}: ${n} windows. Dashed: 95 % of noise lies within; ${out} of ${found.correlation.length} lags do not. Grey: 95 % of each quantile of noise.`;
+}

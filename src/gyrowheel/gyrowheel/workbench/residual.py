@@ -1,0 +1,132 @@
+"""Numbers for the pictures of the residual of each channel: measured and predicted, and whether it is noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal, stats
+
+from gyrowheel.workbench.session import Session
+from gyrowheel_analysis.channels import CHANNELS, LISTED
+from gyrowheel_analysis.compare import Comparison
+from gyrowheel_analysis.residuals.error_table import Part, Residuals
+from gyrowheel_core.units import unit_for
+
+Array = NDArray[np.float64]
+
+_SIDE = 1.96  # standard deviations to both sides that hold a normal variate in 95 of 100 cases
+_LAGS = 20
+_FEWEST = 4  # windows of a statistic
+_PARTS = {"average": (" x", " y"), "revolution": (", real part", ", imaginary part")}
+
+
+def residuals(session: Session) -> list[dict[str, Any]]:
+    """Return each row of each channel: measured, predicted, residual with its noise, and whether it is noise.
+
+    A row has its values in one unit, a value a window, in the order of the windows; ``before`` is the residual of the
+    previous model in this session on the same windows, null without one.
+    """
+    found = session.step.comparison
+    if found is None:
+        return []
+    earlier = session.steps[-2].comparison if len(session.steps) > 1 else None
+    if earlier is not None and not _same_windows(found, earlier):
+        earlier = None
+    rows = []
+    for name, part in found.data.parts.items():
+        before = None if earlier is None else earlier.data.parts.get(name)
+        for place in range(len(part.kind.rows)):
+            rows.append(_row(name, part, place, before) | {"noise": _noise(found, name, place)})
+    return rows
+
+
+def _same_windows(one: Comparison, other: Comparison) -> bool:
+    starts, before = one.data.windows.start, other.data.windows.start
+    return len(starts) == len(before) and bool(np.allclose(starts, before))
+
+
+def _row(name: str, part: Part, place: int, before: Part | None) -> dict[str, Any]:
+    kind = part.kind
+    values = _side(part.values, place)
+    unit = unit_for(float(np.median(np.abs(part.sigma))) or 1.0, kind.unit)
+    several = _PARTS.get(kind.group, _PARTS["revolution"]) if len(kind.rows) > 1 else ("",)
+
+    def shown(own: Array) -> list[float]:
+        return [float(f"{v:.6g}") for v in own / unit.size]
+
+    return {
+        "channel": name,
+        "place": place,
+        "title": kind.title + several[place],
+        "unit": unit.label,
+        "order": kind.order,
+        "measured": None if part.measured is None else shown(_side(part.measured, place)),
+        "predicted": None if part.measured is None else shown(_side(part.measured - part.values, place)),
+        "residual": shown(values),
+        "sigma": shown(part.sigma),
+        "before": None if before is None else shown(_side(before.values, place)),
+    }
+
+
+def _side(values: NDArray[Any], place: int) -> Array:
+    """Return one of the rows of a channel."""
+    return np.asarray(np.imag(values) if place else np.real(values))
+
+
+def _noise(found: Comparison, name: str, place: int) -> dict[str, Any] | None:
+    """Return spectrum, autocorrelation and distribution of a whitened residual; None where it has few windows."""
+    pieces = [(own.time, white) for own in found.residuals if (white := _white(own, name, place)) is not None]
+    pieces = [(t[order], w[order]) for t, w in pieces for order in [np.argsort(t, kind="stable")]]
+    every = np.sort(np.concatenate([w for _, w in pieces])) if pieces else np.zeros(0)
+    n = len(every)
+    if n < _FEWEST or not np.all(np.isfinite(every)) or not every.any():
+        return None
+    rank = np.arange(1, n + 1)
+    ends = [stats.norm.ppf(stats.beta.ppf(q, rank, n + 1 - rank)) for q in (0.025, 0.975)]
+    return {
+        "quantile": stats.norm.ppf((rank - 0.5) / n).round(4).tolist(),
+        "low": ends[0].round(4).tolist(),
+        "high": ends[1].round(4).tolist(),
+        "white": every.round(4).tolist(),
+        "correlation": correlation([w for _, w in pieces]),
+        "band": _SIDE / np.sqrt(n),
+        **spectrum(pieces),
+    }
+
+
+def _white(own: Residuals, name: str, place: int) -> Array | None:
+    """Return a row of the whitened residual of a recording; those of the error table stand by themselves."""
+    row = CHANNELS[name].rows[place]
+    if row in own.whitened and row in LISTED:
+        return np.asarray(own.whitened[row][0])
+    return _side(own.whitened[name][0], place) if name in own.whitened else None
+
+
+def correlation(pieces: Sequence[Array]) -> list[float]:
+    """Return the autocorrelation of values in successive windows, for lags of 1, 2, ... windows."""
+    square = sum(float(own @ own) for own in pieces)
+    lags = range(1, min(_LAGS, max(map(len, pieces)) - 1) + 1)
+    return [
+        round(sum(float(own[lag:] @ own[:-lag]) for own in pieces if len(own) > lag) / square, 4)
+        for lag in lags
+    ]
+
+
+def spectrum(pieces: Sequence[tuple[Array, Array]]) -> dict[str, Any]:
+    """Return the power of whitened values over frequency, 1 for noise, and the level that noise exceeds rarely.
+
+    The windows lie unevenly in time, so this is a Lomb-Scargle periodogram, the mean of those of the recordings. In 95
+    of 100 cases noise exceeds ``level`` at no frequency.
+    """
+    long = [(t, w) for t, w in pieces if len(w) >= _FEWEST and np.ptp(t) > 0.0]
+    if not long:
+        return {"frequency": [], "power": [], "level": 0.0}
+    span, count = max((float(np.ptp(t)), len(t)) for t, _ in long)
+    frequency = np.arange(1, max(count // 2, 1) + 1) / span
+    power = np.mean([signal.lombscargle(t, w, 2.0 * np.pi * frequency) for t, w in long], axis=0)
+    free = 2 * len(long)
+    level = float(stats.chi2.ppf(0.95 ** (1.0 / len(frequency)), free)) / free
+    return {"frequency": frequency.round(6).tolist(), "power": power.round(4).tolist(), "level": level}

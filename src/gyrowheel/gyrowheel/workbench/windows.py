@@ -1,0 +1,160 @@
+"""Numbers for the pictures of the residual: windows, maps over every variable, and what a region looks like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel.comparison.picture import arrows, axis_title, cell_label
+from gyrowheel.show.sentences.residuals import region_description, region_name
+from gyrowheel.workbench.library import ROLES
+from gyrowheel.workbench.session import Session
+from gyrowheel_analysis.channels import CHANNELS, COILS
+from gyrowheel_analysis.reduction.windows import UPRIGHT, Windows, octants
+from gyrowheel_analysis.residuals.error_table import WindowResiduals
+from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, regions, residual_map
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.units import DEG, RPM, unit_for
+
+Array = NDArray[np.float64]
+
+_WORST = 1e3  # χ²/N at the end of the colours
+_SLOW = 0.15  # of the variance: what time and temperature must explain beyond tilt, direction and speed
+
+
+def windows(session: Session) -> dict[str, Any] | None:
+    """Return the windows of the comparison with their residuals, for the linked pictures."""
+    found = session.step.comparison
+    if found is None:
+        return None
+    data, keys = found.data, [own.key for own in session.opened.values() if own.role == ROLES[0]]
+    w, tilt = data.windows, data.parts.get(COILS)
+    # without both coil voltages there is no residual of the coils
+    values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values
+    noisy = np.zeros(len(w), dtype=bool) if tilt is None else tilt.noisy
+    unit = unit_for(float(np.median(np.abs(values))), "N·m")
+    ends = np.zeros(len(w), dtype=complex) if tilt is None else arrows(data)
+    channel, variable = worst_place(data)
+    return {
+        "recording": [keys[int(k)] for k in data.recording],
+        "start": w.start.tolist(),
+        "duration": w.duration.tolist(),
+        "speed": (w.mean_spin / RPM).round(1).tolist(),
+        "tilt_x": (np.real(w.mean_tilt) / DEG).round(4).tolist(),
+        "tilt_y": (np.imag(w.mean_tilt) / DEG).round(4).tolist(),
+        "over": {name: _shown(name, values_of(w, name)) for name in VARIABLES},
+        "residual_x": (np.real(values) / unit.size).tolist(),
+        "residual_y": (np.imag(values) / unit.size).tolist(),
+        "of_coils": tilt is not None,
+        "arrow_x": np.real(ends).round(4).tolist(),
+        "arrow_y": np.imag(ends).round(4).tolist(),
+        "noisy": noisy.tolist(),
+        "unit": unit.label,
+        "chi2": {
+            name: {"title": CHANNELS[name].title, "values": (part.chi2 / len(part.kind.rows)).tolist()}
+            for name, part in data.parts.items()
+        },
+        "fails": found.fails,
+        "worst": channel,
+        "variable": variable,
+    }
+
+
+def _shown(variable: str, values: Array) -> list[float]:
+    """Return values of a variable in the unit of `axis_title`."""
+    size = {"tilt": DEG, "azimuth": DEG, "speed": RPM}.get(variable, 1.0)
+    shown: list[float] = (values / size - (273.15 if variable == "temperature" else 0.0)).round(4).tolist()
+    return shown
+
+
+def maps(session: Session) -> list[dict[str, Any]]:
+    """Return χ²/N of every channel over every variable, each cell with its windows."""
+    if session.step.comparison is None:
+        return []
+    data = session.step.comparison.data
+    return [
+        {
+            "variable": variable,
+            "title": axis_title(variable),
+            "cells": [
+                {
+                    "label": cell_label(variable, cell),
+                    "chi2": {name: round(value, 3) for name, value in cell.chi2_per_n.items()},
+                    "windows": np.flatnonzero(members(data, variable, cell)).tolist(),
+                }
+                for cell in residual_map(data, (variable,)).cells
+            ],
+        }
+        for variable in VARIABLES
+    ]
+
+
+def members(data: WindowResiduals, variable: str, cell: Cell) -> NDArray[np.bool_]:
+    """Return a mask of the windows in a cell of a map over one variable."""
+    w, span = data.windows, cell.spans[variable]
+    if variable == "azimuth":
+        tilt = np.asarray(w.mean_tilt)
+        if span.low != span.low:
+            return np.abs(tilt) < UPRIGHT
+        return octants(tilt) == int(octants(np.exp(1j * span.middle)))
+    values = values_of(w, variable)
+    return np.asarray((values >= span.low) & (values <= span.high))
+
+
+def values_of(w: Windows, variable: str) -> Array:
+    """Return the value of a variable of the maps in every window [rad, rad/s, s or K]."""
+    tilt = np.asarray(w.mean_tilt)
+    return np.asarray({
+        "tilt": np.abs(tilt), "azimuth": np.angle(tilt), "speed": w.mean_spin, "time": w.middle,
+        "temperature": w.coil_temperature,
+    }[variable])  # fmt: skip
+
+
+def worst_place(data: WindowResiduals) -> tuple[str, str]:
+    """Return the channel with the largest χ²/N, and the variable whose cells distinguish its windows best.
+
+    What counts is what a map shows: the logarithm of χ²/N within the range of its colours. A plan sets speeds and tilts
+    one after the other, so time and temperature count only where they distinguish clearly better.
+    """
+    channel = max(data.parts, key=lambda name: data.parts[name].chi2.sum() / max(data.parts[name].rows, 1))
+    part = data.parts[channel]
+    colour = np.log10(np.clip(part.chi2 / len(part.kind.rows), 1.0, _WORST))
+    whole, n = float(np.sum((colour - colour.mean()) ** 2)), len(colour)
+    score = {}
+    for variable in VARIABLES:
+        groups = [colour[members(data, variable, cell)] for cell in residual_map(data, (variable,)).cells]
+        within = sum(float(np.sum((own - own.mean()) ** 2)) for own in groups if len(own))
+        free = n - len(groups)
+        share = 1.0 - within / whole * (n - 1) / free if whole > 0.0 and free > 0 else 0.0
+        score[variable] = share - (_SLOW if variable in ("time", "temperature") else 0.0)
+    best = max(score, key=lambda name: score[name])
+    return channel, best if score[best] > 0.0 else "speed"
+
+
+def region(session: Session, chosen: Sequence[int]) -> dict[str, Any]:
+    """Return the share of the misfit in some windows, and sentences about their residual."""
+    result = session.step.comparison
+    if result is None:
+        raise InputError("windows: nothing is compared yet")
+    data = result.data
+    mask = np.zeros(len(data.windows), dtype=bool)
+    if not chosen or not all(0 <= k < len(mask) for k in chosen):
+        raise InputError(f"windows: must be of 0 .. {len(mask) - 1}")
+    mask[list(chosen)] = True
+    some = replace(
+        data,
+        windows=data.windows.select(mask),
+        recording=data.recording[mask],
+        parts={name: part.at(mask) for name, part in data.parts.items()},
+    )
+    return {
+        "share": some.chi2 / data.chi2 if data.chi2 else 0.0,
+        "said": [
+            {"where": region_name(own), "share": own.share_of_chi2, "looks": region_description(own)}
+            for own in regions(some, session.step.model.details.bench)
+        ],
+    }
