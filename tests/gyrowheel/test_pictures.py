@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gyrowheel.comparison.picture import arrow_scale
+from gyrowheel.comparison.picture import arrow_scale, arrows
 from gyrowheel.investigation.page import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.diagnosis.result import DetectionLimit, NextTest
@@ -136,3 +136,14 @@ def test_arrow_lengths_follow_the_misfit_and_not_the_noise() -> None:
     assert longest(48, 1e-4, 1e-2, wrong_there=True) == pytest.approx(0.55 * 4.0)
     # noise alone has short arrows
     assert longest(48, 1e-5, 1e-5) == pytest.approx(0.12 * 4.0)
+
+
+def test_an_outlier_of_usual_noise_sets_no_scale_and_its_arrow_is_cut_off() -> None:
+    values = 1e-4 * np.exp(1j * np.arange(24.0))
+    values[5] *= 40.0
+    sigma = np.full(24, 1e-5)
+    part = Part(CHANNELS["tilt"], values, sigma, np.abs(values) ** 2 / sigma**2)
+    data = SimpleNamespace(parts={"tilt": part}, windows=SimpleNamespace(mean_tilt=np.full(24, 4 * DEG)))
+    drawn = np.abs(arrows(data))  # type: ignore[arg-type]
+    assert np.delete(drawn, 5) == pytest.approx(0.55 * 4.0)
+    assert drawn[5] == pytest.approx(2 * 0.55 * 4.0)

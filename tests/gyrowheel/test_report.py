@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import getpass
 import hashlib
 import json
 import re
@@ -15,12 +16,18 @@ import pytest
 import yaml
 
 import gyrowheel as gw
+from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.report import api
+from gyrowheel.report.decision import decision
+from gyrowheel.report.sections import error_rows
 from gyrowheel.report.verb import _is_report
+from gyrowheel.show.html import Cells
+from gyrowheel_analysis.diagnosis.result import TieReport
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
 
 from .conftest import Wheel
+from .findings import diagnosis, finding
 from .helpers import Shell, write
 from .pages import Page, check_numbers
 
@@ -65,7 +72,65 @@ def test_sections_begin_with_the_result_and_end_with_sources(made: gw.Report, pa
     order = [
         e.attributes["id"] for e in page.elements if e.tag in ("header", "section") and "id" in e.attributes
     ]
-    assert order == ["result", "missing", "error", "where", "limits", "model", "recordings", "repeat"]
+    assert order == [
+        "result",
+        "missing",
+        "error",
+        "where",
+        "limits",
+        "symbols",
+        "model",
+        "recordings",
+        "repeat",
+    ]
+
+
+def test_page_one_has_what_was_found_how_sure_what_it_means_and_what_to_do(
+    made: gw.Report, page: Page
+) -> None:
+    lines = {
+        part["asked"]: " ".join(map(str, part["lines"])) for part in decision(made, Cells(made.to_dict()))
+    }
+    assert list(lines) == ["What was found", "How sure", "What it means", "What to do"]
+    assert "(windage): w = " in lines["What was found"]
+    assert "No other known effect" in lines["How sure"]
+    # the error of the motor's torque, as power at the fastest spin
+    error = made.diagnosis.error
+    assert error is not None
+    power = error.before.rms["spin"] * made.fitted[0].info.spin_rate[1]
+    assert f"rpm that is {power:.3g} W" in lines["What it means"]
+    assert lines["What to do"].startswith("Add windage to the model")
+    text = next(e for e in page.elements if e.attributes.get("id") == "result").text
+    for said in ("What was found", "How sure", "Consistent with other", "What it means", "What to do"):
+        assert said in text
+    # nothing failed, or a tie: no finding is to be added
+    nothing = replace(made, diagnosis=Diagnosis.of(diagnosis("nothing_missing")))
+    assert "use the model as it is" in str(decision(nothing, Cells(nothing.to_dict()))[3]["lines"])
+    tie = TieReport("eddy_drag", "", 2.0, "survey", 30.0, 3.0)
+    tied = replace(made, diagnosis=Diagnosis.of(diagnosis("ambiguous", finding("windage", tie))))
+    lines = {
+        part["asked"]: " ".join(map(str, part["lines"])) for part in decision(tied, Cells(tied.to_dict()))
+    }
+    assert "cannot tell windage from eddy_drag" in lines["How sure"]
+    assert "Add windage" not in lines["What to do"]
+
+
+def test_tables_and_figures_are_numbered_and_symbols_and_provenance_are_there(page: Page) -> None:
+    tables = [e for e in page.elements if e.tag == "table"]
+    captions = [e.text for e in page.elements if e.tag == "caption"]
+    assert len(captions) == len(tables) == len(set(captions))
+    about = next(e for e in page.elements if e.attributes.get("id") == "symbols").text
+    assert "spin rate" in about  # of the law of windage
+    assert page.content["made_by"] == getpass.getuser()
+    assert page.content["model"]["sha256"] in page.text
+
+
+def test_an_error_that_did_not_fall_is_not_shown_as_a_success(made: gw.Report) -> None:
+    rows = error_rows(Cells(made.to_dict()), "diagnosis.error")
+    assert rows is not None
+    moods = {row["name"]: row["parts"][0]["mood"] for row in rows["rows"]}
+    assert moods["spin"] == "good"
+    assert moods["tilt 1N"] == ""  # at its noise before and after
 
 
 def test_the_page_is_self_contained(made: gw.Report, page: Page) -> None:

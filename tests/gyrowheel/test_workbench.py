@@ -24,6 +24,7 @@ import gyrowheel as gw
 from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.recordings.api import note_machine
 from gyrowheel.simulation.api import record_simulation
+from gyrowheel.simulation.scenario import scenario
 from gyrowheel.workbench import pictures, residual, tables, views, windows
 from gyrowheel.workbench import server as workbench_server
 from gyrowheel.workbench.benches import SimulatedBench
@@ -327,6 +328,71 @@ def test_windows_and_sentences_of_a_cell_of_the_map(compared: Session) -> None:
     assert [own["share"] for own in whole["said"]] == [r.share_of_chi2 for r in comparison.where]
     with pytest.raises(gw.InputError, match="windows: must be of 0"):
         windows.region(compared, [len(data.windows)])
+
+
+def test_the_first_picture_is_of_the_worst_channel_over_the_variable_that_tells_most(
+    compared: Session,
+) -> None:
+    comparison = compared.step.comparison
+    assert comparison is not None
+    data = comparison.data
+    assert windows.worst_place(data) == ("spin", "speed")  # windage
+    for channel, part in data.parts.items():
+        for variable in ("speed", "tilt"):
+            where = windows.values_of(data.windows, variable)
+            wrong = 1.0 + 300.0 * ((where - where.min()) / np.ptp(where)) ** 2
+            parts = {**data.parts, channel: replace(part, chi2=len(part.kind.rows) * wrong)}
+            assert windows.worst_place(replace(data, parts=parts)) == (channel, variable)
+
+
+#: A few seconds at three speeds and some tilts of several sizes.
+HIDDEN_PLAN = """\
+schema: 1
+name: hidden
+hold_s: 0.8
+segments:
+  - {spin_rpm: 3500, tilt_deg: [[0, 0], [1.5, 0], [3, 0], [0, 3], [-2, -2]]}
+  - {spin_rpm: 2500, tilt_deg: [[0, 0], [-3, 0], [0, -1.5]]}
+  - {spin_rpm: 1500, tilt_deg: [[0, 0], [2, 2], [0, 3], [1, 0]]}
+"""
+#: Hidden effects, and the channels that their laws act on.
+HIDDEN = {
+    "windage:w=0.002": ("spin", "motor_voltage"),
+    "bearing_viscous": ("spin", "motor_voltage"),
+    "eddy_drag:e=2e-5": ("spin", "motor_voltage"),
+    "windage_tilt:w=0.004": ("spin", "motor_voltage"),
+    "aero_restoring:k=0.2": ("tilt",),
+    "aero_cross": ("tilt",),
+    "cubic_stiffness:q=40": ("tilt",),
+    "gravity_offset:G=0.03": ("tilt",),
+    "stiffness_anisotropy:k=0.04": ("tilt_2n",),
+    "target_flatness": ("tilt_2n",),
+}
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_the_first_picture_shows_the_channel_and_the_variable_of_a_hidden_effect(
+    effect: str, tmp_path: Path
+) -> None:
+    bench, plan = Bench.load(), Plan.load(HIDDEN_PLAN)
+    hidden = scenario(bench, plan.name, effects=[effect], seed=11 + list(HIDDEN).index(effect))
+    record_simulation(tmp_path / "runs", bench, hidden, plan)
+    session = Session(Library([tmp_path]), gw.Model())
+    session.open("0/runs", "fitted")
+    session.wait(240.0)
+    session.compare()
+    session.wait(240.0)
+    found = pictures.found(session)
+    shown = found["windows"]
+    assert shown["worst"] in HIDDEN[effect]
+    formula = gw.effects()[effect.partition(":")[0]].formula
+    assert shown["variable"] in [
+        name for name, sign in (("speed", "Omega"), ("tilt", "z")) if sign in formula
+    ]
+    # the largest colours of the map stand in that channel, and what is drawn is what was found
+    chi2 = {name: np.mean(own["values"]) for name, own in shown["chi2"].items()}
+    assert max(chi2, key=lambda name: chi2[name]) == shown["worst"]
 
 
 def test_residuals_are_what_is_measured_less_what_is_predicted(compared: Session) -> None:

@@ -26,6 +26,14 @@ from .lab_tables import lab_table
 
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
 
+#: Elements of a page that are wider than their place, or lie beyond the right edge.
+CUT_OFF = """() => [...document.querySelectorAll('main *')].filter((own) => {
+  if (own.closest('svg, math') || !own.getClientRects().length) return false;
+  const wide = document.documentElement.clientWidth;
+  const inline = getComputedStyle(own).display === 'inline';
+  return own.getBoundingClientRect().right > wide + 1 || (!inline && own.scrollWidth > own.clientWidth + 1);
+}).map((own) => `${own.tagName} ${own.className}: ${own.textContent.slice(0, 40)}`)"""
+
 
 @pytest.mark.slow
 @needs_browser
@@ -193,6 +201,14 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         third.locator("canvas").first.focus()
         third.keyboard.press("ArrowRight")
         expect(third.locator(".readout").first).to_contain_text("tilt about x")
+        # printed, on A4 and on letter, in a dark theme too: nothing is cut off, and closed parts are open
+        third.emulate_media(media="print", color_scheme="dark")
+        for paper in (680, 702):  # px between the margins
+            third.set_viewport_size({"width": paper, "height": 900})
+            assert third.evaluate(CUT_OFF) == []
+            assert third.evaluate(
+                "[...document.querySelectorAll('details')].every((d) => d.offsetHeight > 100)"
+            )
         third.close()
         # kept on the disk, it opens without a network
         alone = browser.new_context(offline=True).new_page()

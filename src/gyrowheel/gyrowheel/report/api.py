@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from gyrowheel.comparison.api import compare
 from gyrowheel.diagnosis.api import diagnose
@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 #: Formats of reports, and the endings of their files.
 FORMATS = {"html": ".html", "md": ".md", "pdf": ".pdf"}
+#: Papers of a PDF.
+Paper = Literal["a4", "letter"]
+PAPERS: tuple[Paper, ...] = ("a4", "letter")
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 _PATIENCE = 300.0  # s
 
@@ -136,6 +139,7 @@ class Report(ReportContent):
             next_command,
             now,
             investigation,
+            _account(),
         )
 
     def html(self) -> str:
@@ -146,17 +150,19 @@ class Report(ReportContent):
         """Return the report as Markdown, without pictures."""
         return markdown_page(self)
 
-    def pdf(self) -> bytes:
-        """Return `html` as PDF, printed by Chromium; InputError if none is installed."""
-        return pdf(self.html())
+    def pdf(self, paper: Paper = "a4") -> bytes:
+        """Return `html` as PDF on A4 or letter paper, printed by Chromium; InputError if none is installed."""
+        return pdf(self.html(), paper)
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, paper: Paper = "a4") -> None:
         """Write the report, atomically: a failure leaves the old file.
 
         Parameters
         ----------
         path : str or Path
             The file; its ending gives the format: ``.html``, ``.md``, or ``.pdf`` where Chromium is installed.
+        paper : str
+            Paper of a PDF: ``a4`` or ``letter``.
 
         Raises
         ------
@@ -169,7 +175,7 @@ class Report(ReportContent):
                 f"{path}: the ending '{file.suffix}' is not known; allowed: {', '.join(FORMATS.values())}"
             )
         if file.suffix == FORMATS["pdf"]:
-            write_bytes(file, self.pdf())
+            write_bytes(file, self.pdf(paper))
         else:
             write_text(file, self.html() if file.suffix == FORMATS["html"] else self.markdown())
 
@@ -178,18 +184,32 @@ class Report(ReportContent):
         return f"<Report: {self.title}>"
 
 
+def _account() -> str:
+    """Return the name of the account that runs this; empty where the system has none for it."""
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError, ImportError):
+        return ""
+
+
 def browser() -> str | None:
     """Return the path of Chromium; None if it is not installed."""
     return next((found for found in map(shutil.which, _BROWSERS) if found), None)
 
 
-def pdf(page: str) -> bytes:
-    """Return a self-contained page as PDF, printed without network by an installed Chromium."""
+def pdf(page: str, paper: Paper = "a4") -> bytes:
+    """Return a self-contained page as PDF, printed without network by an installed Chromium, its parts opened."""
+    if paper not in PAPERS:
+        raise InputError(f"paper: {paper!r} is not allowed; allowed: {', '.join(PAPERS)}")
     program = browser()
     if program is None:
         raise InputError(
             "PDF: needs Chromium, which is not installed; write .html, which every browser prints"
         )
+    page = page.replace("<details>", "<details open>")
+    page = page.replace("</head>", f"<style>@page {{ size: {paper}; }}</style>\n</head>", 1)
     titled = re.sub(r"<title>.*?</title>", f"<title>{REPORT_TITLE}</title>", page, count=1, flags=re.DOTALL)
     with tempfile.TemporaryDirectory(prefix="gyrowheel-") as scratch:
         place = Path(scratch)

@@ -6,6 +6,7 @@ import platform
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.investigation.page import end_sentence
@@ -46,6 +47,8 @@ class ReportContent:
         Time of the report, UTC.
     investigation : Investigation or None
         The investigation that ended with the diagnosis, if there was one.
+    made_by : str
+        Account of the person who made the report; empty where it is not stated.
     """
 
     diagnosis: Diagnosis
@@ -58,6 +61,7 @@ class ReportContent:
     next_command: str | None = None
     made: str = ""
     investigation: Investigation | None = None
+    made_by: str = ""
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
@@ -74,6 +78,16 @@ class ReportContent:
         """The error before and after the findings were added; None if they were not."""
         return None if self.better is None else self.better.added
 
+    @cached_property
+    def model_hash(self) -> str:
+        """SHA-256 of the model's file; empty if it was not read from one, or the file is gone."""
+        import hashlib
+
+        try:
+            return hashlib.sha256(Path(self.latest.origin).read_bytes()).hexdigest()
+        except OSError:
+            return ""
+
     @property
     def title(self) -> str:
         """The result in a sentence."""
@@ -87,10 +101,12 @@ class ReportContent:
         return {
             "schema": 1,
             "made": self.made,
+            "made_by": self.made_by,
             "diagnosis": self.diagnosis.to_dict(),
             "addition": None if self.addition is None else self.addition.to_dict(),
             "model": {
                 "file": self.latest.origin,
+                "sha256": self.model_hash or None,
                 "content": self.latest.to_dict(),
                 "bench": {name: stated(p) for name, p in self.latest.stated_bench.parameters.items()},
                 "references": dict(self.latest.stated_bench.references),

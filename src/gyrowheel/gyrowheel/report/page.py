@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from gyrowheel.recordings.picture import envelope
 from gyrowheel.report import sections
+from gyrowheel.report.decision import decision
 from gyrowheel.show.figure import PANELS, png_bytes, svg_bytes
 from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet, template_text
 from gyrowheel.show.layout import plain_text
@@ -94,6 +95,10 @@ def _parts(report: ReportContent) -> dict[str, Any]:
         "mark": Markup(REPORT_MARKS[0]),
         "title": report.title,
         "verdict": found.verdict.replace("_", " "),
+        "decision": decision(report, cells),
+        "symbols": sections.symbols(report.latest, found),
+        "made_by": report.made_by,
+        "model_sha256": report.model_hash,
         "proof": _proof(report, cells),
         "names": [recording.name for recording in report.fitted],
         "unused": [recording.name for recording in report.unused],
@@ -164,11 +169,21 @@ def markdown_page(report: ReportContent) -> str:
         return f"{fence}\n{visible(text)}\n{fence}\n"
 
     content = report.to_dict()
+    by = f" by {_words(report.made_by)}" if report.made_by else ""
     lines = [
         REPORT_MARKS[1],
         f"# {_words(report.title)}\n",
-        f"Made {report.made} from {', '.join(_words(r.name) for r in report.fitted)}.\n",
+        f"Made {report.made}{by} from {', '.join(_words(r.name) for r in report.fitted)}.\n",
     ]
+    cells = Cells(content)
+    proof = _proof(report, cells)
+    for part in decision(report, cells):
+        said = [proof["words"]] if proof and part["asked"] == "How sure" else []
+        lines += [
+            f"**{part['asked']}**\n",
+            *(f"- {_words(_plain(line))}" for line in [*said, *part["lines"]]),
+            "",
+        ]
     lines += ["## Result\n", block(plain_text(report.diagnosis.page(), _WIDTH).strip("\n"))]
     if report.addition is not None:
         lines += ["## Added\n", block(plain_text(report.addition.page(), _WIDTH).strip("\n"))]
@@ -186,6 +201,11 @@ def markdown_page(report: ReportContent) -> str:
         lines += ["Next:\n", block(report.next_command)]
     versions = ", ".join(f"{name} {number}" for name, number in content["versions"].items())
     return "\n".join([*lines, f"Versions: {versions}.\n"])
+
+
+def _plain(line: str) -> str:
+    """Return a line of page one without its marks."""
+    return str(line.striptags()) if isinstance(line, Markup) else line
 
 
 def _words(text: str) -> str:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.recordings.page import integrity_text
 from gyrowheel.show.error_table import unit_of
-from gyrowheel.show.formulas import is_pure, typeset
+from gyrowheel.show.formulas import is_pure, pretty, typeset
 from gyrowheel.show.html import Cells, declared, label
 from gyrowheel.show.sentences.diagnosis import physics, purpose, simple_sentence, tie_sentence, title
 from gyrowheel.show.sentences.findings import tie_of_event, untold_sentences
@@ -18,12 +19,14 @@ from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM, Unit, unit_for
+from gyrowheel_sim.effects.quantities import QUANTITIES
 
 if TYPE_CHECKING:
     from gyrowheel.investigation.api import Investigation
     from gyrowheel.models.api import Model
     from gyrowheel.recordings.api import Recording
     from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
+    from gyrowheel_analysis.residuals.error_table import ErrorRow
     from gyrowheel_recording.mislabelled import WrongSetup
 
 _PLAIN = Unit("", 1.0)
@@ -232,7 +235,7 @@ def error_rows(cells: Cells, place: str) -> dict[str, Any] | None:
                     "before": cells.number(field(before, name), units[name]),
                     "after": cells.number(field(after, name), units[name]),
                     "noise": cells.number(field(floor, name), units[name]),
-                    "good": errors[after].is_noise(name, errors[floor]),
+                    "mood": _mood(name, errors[before], errors[after], errors[floor]),
                 }
             )
         rows.append({"name": LISTED[name].title, "unit": units[name].label, "parts": row})
@@ -244,6 +247,40 @@ def error_rows(cells: Cells, place: str) -> dict[str, Any] | None:
         for _, before, after, _ in parts
     ]
     return {"parts": [part[0] for part in parts], "rows": rows, "chi2": chi2}
+
+
+def _mood(name: str, before: ErrorRow, after: ErrorRow, floor: ErrorRow) -> str:
+    """Return the colour of an error after: good where it fell to its noise, bad where it is above it, else none."""
+    if not after.is_noise(name, floor):
+        return "bad"
+    return "" if before.is_noise(name, floor) else "good"
+
+
+def symbols(model: Model, found: Diagnosis) -> list[dict[str, str]]:
+    """Return the symbols of the laws in the report with their units: quantities of motion, then coefficients."""
+    library = model.details.library
+    laws = [effect.formula for effect in found.effects] + [form.formula for form in found.free_form]
+    laws += [library[name].formula for name in model.effects]
+    used = set(itertools.chain.from_iterable(re.findall(r"[A-Za-z_]\w*", law) for law in laws))
+    rows = [
+        {"symbol": pretty(name), "unit": own.unit, "about": own.description}
+        for name, own in QUANTITIES.items()
+        if name in used
+    ]
+    named = dict.fromkeys([*(effect.name for effect in found.effects), *model.effects])
+    rows += [
+        {"symbol": c.name, "unit": c.unit, "about": f"{c.description} ({name})"}
+        for name in named
+        if name in library
+        for c in library[name].coefficients
+    ]
+    fixed_ones = (
+        ("χ²/N", "mean square of the residual in units of its noise; 1 is noise alone"),
+        ("Δχ²", "increase of the misfit without an effect, all else fitted again"),
+        ("σ", "standard deviation; one standard error of an estimate"),
+        ("1N, 2N", "once, twice a revolution"),
+    )
+    return [*rows, *({"symbol": symbol, "unit": "1", "about": about} for symbol, about in fixed_ones)]
 
 
 def _where(row: Mapping[str, Any], name: str) -> str:
@@ -312,6 +349,7 @@ def _strip(limit: DetectionLimit) -> dict[str, float]:
         return 50.0 * (1.0 + min(max(decades / _DECADES, -1.0), 1.0))
 
     low, high = (place(value) for value in limit.usual)
+    low = min(low, 99.0)  # a band beyond the strip is seen at its end
     return {"left": round(low, 1), "width": round(max(high - low, 1.0), 1)}
 
 

@@ -10,6 +10,7 @@ import typer
 from gyrowheel.cli.console import BAD_INPUT, put_content, working
 from gyrowheel.cli.options import Averages, Json, Mixed, ModelFile, Recordings, Validation, option
 from gyrowheel.cli.outputs import Output, head
+from gyrowheel_core.errors import InputError
 
 
 def _is_report(path: Path) -> bool:
@@ -38,6 +39,7 @@ def report(
     validate: Validation = None,
     averages: Averages = False,
     mixed: Mixed = False,
+    paper: Annotated[str, option("--paper SIZE", "Paper of a PDF: a4 or letter.")] = "a4",
     json: Json = None,
 ) -> None:
     """Diagnose recordings and write a report: result, pictures, tables, model, hashes, commands.
@@ -47,14 +49,17 @@ def report(
     """
     import gyrowheel as gw
     from gyrowheel.recordings.inputs import opened_apart
+    from gyrowheel.report.api import PAPERS
     from gyrowheel.show.layout import Unbroken
 
+    if paper not in PAPERS:
+        raise InputError(f"--paper: {paper!r} is not allowed; allowed: {', '.join(PAPERS)}")
     loaded = gw.Model.load(model)
     recordings, unused = opened_apart(directories, validate or ())
     with working("diagnosing") as say:
         made = gw.Report.of(recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say)
         say("drawing")
-        made.save(output)
+        made.save(output, paper="a4" if paper == "a4" else "letter")
     put_content(json, made.to_dict(), [made.title, Unbroken(f"report: {output}")])
     if made.diagnosis.setup:
         raise typer.Exit(BAD_INPUT)

@@ -23,7 +23,7 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 Array = NDArray[np.float64]
 
 _WORST = 1e3  # χ²/N at the end of the colours
-_SLOW = 0.15  # of the variance: what time and temperature must explain beyond tilt, direction and speed
+_BETTER = 0.15  # of the squares: what direction, time and temperature must explain beyond tilt and speed
 
 
 def windows(session: Session) -> dict[str, Any] | None:
@@ -62,6 +62,24 @@ def windows(session: Session) -> dict[str, Any] | None:
         "worst": channel,
         "variable": variable,
     }
+
+
+def _told(colour: Array, masks: Sequence[NDArray[np.bool_]]) -> float:
+    """Return the share of the squares of some values that the other windows of the same cell predict.
+
+    A window that is alone in its cell is predicted by all others: many small cells gain nothing.
+    """
+
+    def others(own: Array) -> Array:
+        return np.asarray((own.sum() - own) / max(len(own) - 1, 1))
+
+    plain = others(colour)
+    predicted = plain.copy()
+    for mask in masks:
+        if mask.sum() > 1:
+            predicted[mask] = others(colour[mask])
+    whole = float(np.sum((colour - plain) ** 2))
+    return 1.0 - float(np.sum((colour - predicted) ** 2)) / whole if whole > 0.0 else 0.0
 
 
 def _shown(variable: str, values: Array) -> list[float]:
@@ -117,20 +135,17 @@ def values_of(w: Windows, variable: str) -> Array:
 def worst_place(data: WindowResiduals) -> tuple[str, str]:
     """Return the channel with the largest χ²/N, and the variable whose cells distinguish its windows best.
 
-    What counts is what a map shows: the logarithm of χ²/N within the range of its colours. A plan sets speeds and tilts
-    one after the other, so time and temperature count only where they distinguish clearly better.
+    What counts is what a map shows: the logarithm of χ²/N within the range of its colours. Most laws depend on tilt and
+    speed, and a plan sets these one after the other, in some directions: direction, time and temperature count only
+    where they distinguish clearly better.
     """
     channel = max(data.parts, key=lambda name: data.parts[name].chi2.sum() / max(data.parts[name].rows, 1))
     part = data.parts[channel]
     colour = np.log10(np.clip(part.chi2 / len(part.kind.rows), 1.0, _WORST))
-    whole, n = float(np.sum((colour - colour.mean()) ** 2)), len(colour)
     score = {}
     for variable in VARIABLES:
-        groups = [colour[members(data, variable, cell)] for cell in residual_map(data, (variable,)).cells]
-        within = sum(float(np.sum((own - own.mean()) ** 2)) for own in groups if len(own))
-        free = n - len(groups)
-        share = 1.0 - within / whole * (n - 1) / free if whole > 0.0 and free > 0 else 0.0
-        score[variable] = share - (_SLOW if variable in ("time", "temperature") else 0.0)
+        masks = [members(data, variable, cell) for cell in residual_map(data, (variable,)).cells]
+        score[variable] = _told(colour, masks) - (0.0 if variable in ("tilt", "speed") else _BETTER)
     best = max(score, key=lambda name: score[name])
     return channel, best if score[best] > 0.0 else "speed"
 

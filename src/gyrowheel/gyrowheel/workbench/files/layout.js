@@ -104,21 +104,21 @@ function take(pane) {
 // Moves a pane beside a stack, above or below it, or among its tabs.
 function move(pane, stack, side) {
   const whole = stackOf(pane);
-  if (whole === stack && (side === "in" || stack.panes.length === 1)) return;
+  const column = columns().find((own) => own.stacks.includes(stack));
+  const aside = side === "left" || side === "right";
+  if (whole === stack && (side === "in" || (stack.panes.length === 1 && !(aside && column.stacks.length > 1)))) return;
   if (side === "in") {
     take(pane);
     put(pane, stack);
   } else {
-    const size = () => ({ size: 1, panes: [pane], active: pane });
-    if (whole) whole.panes.length === 1 ? take(pane) : (whole.panes = whole.panes.filter((own) => own !== pane));
-    if (whole && !whole.panes.includes(whole.active)) whole.active = whole.panes[0];
-    const column = columns().find((own) => own.stacks.includes(stack));
+    const alone = () => ({ size: 1, panes: [pane], active: pane });
+    take(pane);
     if (side === "above" || side === "below") {
-      const made = { ...size(), size: stack.size / 2 };
+      const made = { ...alone(), size: stack.size / 2 };
       stack.size /= 2;
       column.stacks.splice(column.stacks.indexOf(stack) + (side === "below"), 0, made);
     } else {
-      const made = { size: column.size / 2, stacks: [size()] };
+      const made = { size: column.size / 2, stacks: [alone()] };
       column.size /= 2;
       columns().splice(columns().indexOf(column) + (side === "right"), 0, made);
     }
@@ -231,6 +231,7 @@ function menu(stack) {
     if (event.newState !== "open") return;
     const pane = stack.active;
     const home = stackOf(pane); // in a narrow window the stack that is shown is not the one that is kept
+    const column = columns().find((own) => own.stacks.includes(home));
     const entry = (text, act) => {
       const own = element("button", text, { type: "button", className: "plain" });
       own.addEventListener("click", () => {
@@ -243,9 +244,7 @@ function menu(stack) {
     const others = columns().flatMap((column) => column.stacks).filter((own) => own !== home);
     list.replaceChildren(
       element("p", titles[pane], { className: "kicker" }),
-      ...(home.panes.length > 1 || columns().length > 1
-        ? ways.filter(([side]) => home.panes.length > 1 || side === "left" || side === "right").map(([side, words]) => entry(`Move ${words}`, () => move(pane, home, side)))
-        : []),
+      ...ways.slice(0, home.panes.length > 1 ? 4 : column.stacks.length > 1 ? 2 : 0).map(([side, words]) => entry(`Move ${words}`, () => move(pane, home, side))),
       ...others.map((own) => entry(`Move to ${own.panes.map((each) => titles[each]).join(", ")}`, () => move(pane, own, "in"))),
       ...(open().length > 1 ? [entry("Close", () => close(pane))] : []),
       element("p", "Open here", { className: "kicker" }),

@@ -127,12 +127,15 @@ export function put(place, layout) {
 const scrolling = new ResizeObserver((entries) => {
   for (const { target } of entries) {
     const own = target.closest("[data-scrolls]");
-    if (own) own.tabIndex = own.scrollWidth > own.clientWidth || own.scrollHeight > own.clientHeight ? 0 : -1;
+    if (!own) continue;
+    const over = own.scrollWidth > own.clientWidth || own.scrollHeight > own.clientHeight;
+    own.tabIndex = over || own.closest("details") ? 0 : -1; // the size of what is closed is not known
   }
 });
 export function scrolls(own) {
   if (own.dataset.scrolls) return;
   own.dataset.scrolls = "yes";
+  if (own.closest("details")) own.tabIndex = 0;
   scrolling.observe(own);
   for (const part of own.children) scrolling.observe(part);
 }

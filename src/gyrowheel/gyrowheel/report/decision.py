@@ -1,0 +1,157 @@
+"""Page one of a report, for the person who decides: what was found, how sure that is, what it means, what to do."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from markupsafe import Markup
+
+from gyrowheel.report import sections
+from gyrowheel.show.formulas import is_pure
+from gyrowheel.show.html import Cells
+from gyrowheel.show.sentences.diagnosis import purpose, title
+from gyrowheel_analysis.channels import LISTED
+from gyrowheel_core.quantities import listed, short
+from gyrowheel_core.units import DEG, RPM, unit_for
+
+if TYPE_CHECKING:
+    from gyrowheel.report.content import ReportContent
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
+    from gyrowheel_analysis.residuals.error_table import ErrorTable
+
+_MOST_NAMED = 4  # effects that a line names; of more it gives the number
+
+
+def decision(report: ReportContent, cells: Cells) -> list[dict[str, Any]]:
+    """Return the lines of page one: questions, each with its answers; the proof comes first in the second."""
+    found = report.diagnosis
+    return [
+        {"asked": "What was found", "lines": _found(found, cells)},
+        {"asked": "How sure", "lines": _sure(report)},
+        {"asked": "What it means", "lines": _meaning(report)},
+        {"asked": "What to do", "lines": _advice(report)},
+    ]
+
+
+def _found(found: Diagnosis, cells: Cells) -> list[Markup | str]:
+    lines: list[Markup | str] = []
+    for k, effect in enumerate(found.effects):
+        values = Markup(", ").join(
+            Markup("{} = {}").format(
+                name,
+                cells.estimate(
+                    f"diagnosis.effects.{k}.coefficients.{name}", e.unit, pure=is_pure(effect.name, name)
+                ),
+            )
+            for name, e in effect.coefficients.items()
+        )
+        lines.append(Markup("{} ({}): {}.").format(title(effect), effect.name, values))
+    lines += [f"{item.title}." for item in found.instruments]
+    lines += [Markup("An unknown law; a formula that fits: {}.").format(f.formula) for f in found.free_form]
+    if not lines:
+        lines.append(
+            sections.setup(found.setup)[0]["problem"] if found.setup else cells.words("diagnosis.summary")
+        )
+    return lines
+
+
+def _sure(report: ReportContent) -> list[str]:
+    """Return what else could explain the recordings, and what they could not show; the page has the proof before it."""
+    found, lines = report.diagnosis, []
+    tied = {name: [tie.name for tie in ties] for name, ties in found.ties.items() if ties}
+    lines += [
+        f"These recordings cannot tell {name} from {listed(ties, 'or')}." for name, ties in tied.items()
+    ]
+    if found.effects and not tied:
+        lines.append("No other known effect explains these recordings as well.")
+    hidden = sorted({limit.effect for limit in found.limits if not limit.visible})
+    if len(hidden) > _MOST_NAMED:
+        lines.append(
+            f"{len(hidden)} known effects of usual size would not show in these recordings (Detection limits)."
+        )
+    elif hidden:
+        lines.append(f"Of usual size, {listed(hidden, 'and')} would not show in these recordings.")
+    return lines
+
+
+def _meaning(report: ReportContent) -> list[str]:
+    """Return the size of the error in units of the bench, and what a torque of that size does to it."""
+    found = report.diagnosis
+    table = found.error if report.addition is None else report.addition.error
+    if table is None:
+        return ["Nothing can be said of the model before these recordings are repeated or corrected."]
+    lines = []
+    falls = _worst(table)
+    for name in falls:
+        before, after, noise = (row.rms_of(name) for row in (table.before, table.after, table.noise_floor))
+        unit = unit_for(noise, LISTED[name].unit)
+        sizes = [short(value / unit.size) for value in (before, after, noise)]
+        what = LISTED[name].subject
+        lines.append(
+            f"{what[:1].upper()}{what[1:]} ({LISTED[name].title}): the model is wrong by {sizes[0]} {unit.label} rms, "
+            f"with the findings by {sizes[1]} {unit.label}; noise is {sizes[2]} {unit.label}."
+        )
+        lines += _consequence(report, name, before)
+    if not lines:
+        lines.append("The model predicts these recordings to their noise: nothing needs to be corrected.")
+    return lines
+
+
+def _worst(table: ErrorTable) -> list[str]:
+    """Return the two channels whose error is farthest above noise, of those that have one above it."""
+    names = [
+        name for name in LISTED if name in table.before and not table.before.is_noise(name, table.noise_floor)
+    ]
+    ratio = {n: table.before.rms_of(n) / (table.noise_floor.rms_of(n) or 1.0) for n in names}
+    return sorted(names, key=lambda n: -ratio[n])[:2]
+
+
+def _consequence(report: ReportContent, name: str, size: float) -> list[str]:
+    """Return what an uncorrected torque of that size does: power of the motor, or drift of the spin axis."""
+    channel, bench = LISTED[name], report.model.bench
+    speeds = [recording.info.spin_rate for recording in report.fitted]
+    slow, fast = min(low for low, _ in speeds), max(high for _, high in speeds)
+    if not (math.isfinite(slow) and math.isfinite(fast)):
+        return []
+    if channel.quantity == "motor_torque":
+        power = unit_for(size * fast, "W")
+        return [
+            f"At {short(fast / RPM)} rpm that is {short(size * fast / power.size)} {power.label} of power."
+        ]
+    if channel.quantity == "coil_torque" and channel.group == "average" and slow > 0.0:
+        drift = size / (bench.value("rotor_inertia_z") * slow)
+        rate, speed = short(drift / DEG), short(slow / RPM)
+        return [f"Not corrected, such a torque turns a free spin axis by {rate} °/s at {speed} rpm."]
+    return []
+
+
+def _advice(report: ReportContent) -> list[str]:
+    found = report.diagnosis
+    if found.setup:
+        return [sections.setup(found.setup)[0]["cure"]]
+    lines = []
+    tied = any(found.ties.values())
+    if report.addition is not None:
+        lines.append("Use the corrected model, which has the findings.")
+    elif found.effects and not tied:
+        lines.append(
+            f"Add {listed([own.name for own in found.effects], 'and')} to the model (How to repeat it: Next)."
+        )
+    elif found.instruments and not found.effects:
+        lines.append("Correct or calibrate the instrument.")
+    test = found.next_test
+    if test is not None:
+        why = (
+            "to settle it"
+            if found.verdict not in ("nothing_missing", "effect")
+            else "if more certainty is needed"
+        )
+        lines.append(f"Run plan {test.plan} ({test.minutes:.1f} min), {why}: it {purpose(test)}.")
+    if not lines:
+        lines.append(
+            "Nothing: use the model as it is."
+            if found.verdict == "nothing_missing"
+            else "Record more motion."
+        )
+    return lines
