@@ -386,7 +386,7 @@ def test_the_first_picture_shows_the_channel_and_the_variable_of_a_hidden_effect
     found = pictures.found(session)
     shown = found["windows"]
     assert shown["worst"] in HIDDEN[effect]
-    formula = gw.effects()[effect.partition(":")[0]].formula
+    formula = gw.effects[effect.partition(":")[0]].formula
     assert shown["variable"] in [
         name for name, sign in (("speed", "Omega"), ("tilt", "z")) if sign in formula
     ]

@@ -123,23 +123,6 @@ export function put(place, layout) {
   drawn[place] = Bokeh.documents.at(-1);
 }
 
-// What scrolls is reached with Tab where there is something to scroll, and only there.
-const scrolling = new ResizeObserver((entries) => {
-  for (const { target } of entries) {
-    const own = target.closest("[data-scrolls]");
-    if (!own) continue;
-    const over = own.scrollWidth > own.clientWidth || own.scrollHeight > own.clientHeight;
-    own.tabIndex = over || own.closest("details") ? 0 : -1; // the size of what is closed is not known
-  }
-});
-export function scrolls(own) {
-  if (own.dataset.scrolls) return;
-  own.dataset.scrolls = "yes";
-  if (own.closest("details")) own.tabIndex = 0;
-  scrolling.observe(own);
-  for (const part of own.children) scrolling.observe(part);
-}
-
 // A table of texts, its first row as head.
 export function table(rows) {
   const made = element("table");
@@ -147,8 +130,7 @@ export function table(rows) {
     const line = (k ? made.tBodies[0] ?? made.createTBody() : made.createTHead()).insertRow();
     for (const text of cells) line.append(element(k ? "td" : "th", text, { className: "figure" }));
   });
-  const frame = element("div", undefined, { className: "scroll", tabIndex: 0, role: "group", ariaLabel: "table" });
+  const frame = element("div", undefined, { className: "scroll" });
   frame.append(made);
-  scrolls(frame);
   return frame;
 }

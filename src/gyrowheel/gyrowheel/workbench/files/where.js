@@ -1,6 +1,6 @@
 // Where the model fails: windows in the tilt plane and over a variable, every channel over every variable, linked.
 
-import { P, at, css, dark, element, hear, now, put, scrolls, themed } from "./shared.js";
+import { P, at, css, dark, element, hear, now, put, themed } from "./shared.js";
 import { channel, current, link, pick, setChannel, walk, windows } from "./windows.js";
 
 const WORST = 1000; // χ²/N at the end of the colours
@@ -172,8 +172,7 @@ function map(w) {
     buttons[k].tabIndex = 0;
     buttons[k].focus();
   });
-  const frame = element("div", undefined, { className: "scroll", tabIndex: -1 });
+  const frame = element("div", undefined, { className: "scroll" });
   frame.append(grid);
-  scrolls(frame);
   at("map").append(frame);
 }

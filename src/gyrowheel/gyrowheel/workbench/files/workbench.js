@@ -1,7 +1,7 @@
 // The page of the workbench: shows the state of the server, and sends what the user asks for.
 // All words and tables come from the server, which escapes them; pictures are made by the parts that are imported here.
 
-import { ask, at, dark, element, hear, now, remember, remembered, scrolls, send, tell, troubleField } from "./shared.js";
+import { ask, at, dark, element, hear, now, remember, remembered, send, tell, troubleField } from "./shared.js";
 import "./layout.js";
 import { redraw, showFound, showSignals } from "./signals.js";
 import { showPredicted } from "./predicted.js";
@@ -120,7 +120,8 @@ function writeParts() {
     shown[name] = html;
   }
   filter();
-  for (const own of document.querySelectorAll(".scroll, #part-verdict .line")) scrolls(own);
+  // a pane scrolls as a whole: its tables are no stops of their own for Tab
+  for (const own of document.querySelectorAll(".scroll[tabindex]")) own.removeAttribute("tabindex");
   showTrouble();
   showTable();
 }
