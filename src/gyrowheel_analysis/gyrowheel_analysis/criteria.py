@@ -128,6 +128,10 @@ CAUSE_SHARE: Final = 0.8
 PROOF_PARTS: Final = {"recording": 2, "speed": 3, "azimuth": 3, "time": 4}
 PROOF_ROWS: Final = 12
 
+#: Increase of chi-squared on recordings for validation by a finding, from which on it is not offered (3 standard
+#: deviations). Lower drops true effects, higher offers what only describes the fitted recordings.
+WORSE_ELSEWHERE: Final = 9.0
+
 # --- what changed between two sets of recordings ---
 
 #: Probability that chance brings a difference in one of all quantities that are tried, and differences at most.

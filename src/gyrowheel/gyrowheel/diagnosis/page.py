@@ -29,7 +29,7 @@ from gyrowheel.show.sentences.diagnosis import (
     verdict_sentence,
 )
 from gyrowheel.show.sentences.findings import instrument_sentence, tie_of_event
-from gyrowheel.show.sentences.proof import proof_line
+from gyrowheel.show.sentences.proof import left_sentences, proof_line
 from gyrowheel.show.sentences.setup import cure, map_lines, problem
 from gyrowheel_core.quantities import quantity, span, with_error
 
@@ -106,6 +106,9 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
     colour = _COLOURS.get(result.verdict, "")
     verdict = Text(verdict_sentence(result), style="bold")
     yield Panel(Group(verdict, proof_line(result.proof, result.error)), border_style=colour, expand=False)
+    if left := left_sentences(result.proof, result.rejected):
+        yield heading("What is left")
+        yield from sentences(left)
     if told := [text for text in map(tie_of_event, result.events) if text]:
         yield heading("What happened")
         yield from sentences(told)

@@ -106,6 +106,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
             }
             for form in found.free_form
         ],
+        "rejected": list(found.rejected),
         "map": None if found.map is None else map_json(found.map),
         "events": [event_json(event, several=many) for event in found.events],
         "turned": [event_json(event, several=many) for event in found.turned],

@@ -97,7 +97,7 @@ def proof_of(found: Corrected, events: Sequence[Event]) -> Proof:
     """Return whether a model with a map predicts recordings for validation, by the errors of the map as well."""
     prepared, after = found.prepared, found.after
     if prepared.validation is None:
-        return Proof(", ".join(prepared.names), None, "not_tried")
+        return Proof(", ".join(prepared.names), None, "map")
     problem, other = prepared.problem, prepared.validation.problem
     unknowns = problem.unknowns.with_errors(found.map.effect.name, found.map.errors)
     with_errors = Problem.of(problem.balances, unknowns).with_noise(problem.noise)

@@ -46,6 +46,7 @@ from gyrowheel_analysis.diagnosis.result import (
     Verdict,
 )
 from gyrowheel_analysis.diagnosis.selection import Finding
+from gyrowheel_analysis.diagnosis.support import supported
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts
 from gyrowheel_analysis.diagnosis.unknown import (
     Proposal,
@@ -117,10 +118,10 @@ def diagnose(
                 found = Diagnosis("insufficient_data", first.windows, (), "", misstated=wrong_values)
                 return _named(found, paths, model, began)
             say("looking for missing effects")
-            explanation = explained(first, recordings, progress)
+            explanation = supported(explained(first, recordings, progress), validate)
             say("judging ties, limits and the next test")
             found = _judged(explanation, recordings, validate)
-            if found.verdict == "unknown":
+            if _leaves_something(found):
                 say("fitting a map of the missing torque")
                 if (corrected := correct(explanation, tuple(paths))) is not None:
                     found = _with_map(found, corrected, validate)
@@ -159,6 +160,8 @@ def _judged(
     far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
+    if explanation.rejected and verdict in ("nothing_missing", "insufficient_data"):
+        verdict = "unknown"
     events, turned = by_attitude(events, [*recordings, *validate])
     if turned and verdict in ("nothing_missing", "insufficient_data"):
         verdict = "ambiguous"
@@ -173,6 +176,7 @@ def _judged(
             wrong for f in findings if is_instrument(f.name) for wrong in _instruments(f, problem.bench)
         ),
         free_form=(_free_form(proposal, problem),) if proposal else (),
+        rejected=explanation.rejected,
         error=errors.table,
         where=tuple(regions(data, problem.bench)),
         next_test=_next_test(findings, limits, planner, verdict),
@@ -192,6 +196,15 @@ def _judged(
     )
 
 
+def _leaves_something(found: Diagnosis) -> bool:
+    """Whether something is missing beyond what was found."""
+    proof = found.proof
+    failed = proof is not None and proof.proven is False
+    return found.verdict == "unknown" or (
+        failed and proof is not None and proof.reason in ("misfit", "channel", "dependence")
+    )
+
+
 def _with_map(found: Diagnosis, corrected: Corrected, validate: Sequence[Recording]) -> Diagnosis:
     """Return a diagnosis with the map in place of all that describes the recordings worse."""
     problem, best, own = corrected.prepared.problem, corrected.after, corrected.map
@@ -204,6 +217,7 @@ def _with_map(found: Diagnosis, corrected: Corrected, validate: Sequence[Recordi
     paths = [str(recording.path) for recording in validate]
     return replace(
         found,
+        verdict="unknown",
         map=own,
         effects=tuple(
             replace(f, coefficients=estimates(problem, kept[f.name], best), ties=())
@@ -212,6 +226,7 @@ def _with_map(found: Diagnosis, corrected: Corrected, validate: Sequence[Recordi
         ),
         instruments=tuple(f for f in found.instruments if f.name in kept),
         free_form=(),
+        rejected=(),
         error=own.error,
         events=tuple(e for e in found.events if problem.events or e.recording in paths),
         drift_shapes=found.drift_shapes if problem.events else (),

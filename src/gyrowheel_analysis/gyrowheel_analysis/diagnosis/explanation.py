@@ -23,6 +23,7 @@ class Explanation:
     """The explanation of recordings: effects, an optional free form, and events.
 
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
+    `rejected` are terms that were found and make the prediction of unused data worse.
     """
 
     fitted: Prepared
@@ -30,6 +31,7 @@ class Explanation:
     selection: Selection
     proposal: Proposal | None
     happened: list[Found]
+    rejected: tuple[str, ...] = ()
 
     @property
     def problem(self) -> Problem:

@@ -34,6 +34,7 @@ Reason = Literal[
     "dependence",
     "no_gain",
     "not_tried",
+    "map",
 ]
 _RANGE = 1.96  # standard deviations of a 95 % interval
 Verdict = Literal["nothing_missing", "effect", "ambiguous", "unknown", "insufficient_data"]
@@ -375,6 +376,11 @@ class ChannelCheck:
     unseen_allowed: float
 
     @property
+    def floors(self) -> float:
+        """Size of the residual where the channel is over its limit, by the larger of both [noise floors]; else 0."""
+        return math.sqrt(max(self.fitted, self.unseen)) if self.over > 1.0 else 0.0
+
+    @property
     def over(self) -> float:
         """The larger of both over its limit; up to 1 the channel passes."""
         return max(self.fitted / self.fitted_allowed, self.unseen / self.unseen_allowed)
@@ -397,7 +403,7 @@ class Proof:
         `causes`. ``misfit``: none of these. ``channel``: all rows together are predicted, but those of `channel` are
         not, or do not fit. ``dependence``: what is left of `channel` depends on the variable in `causes`.
         ``no_gain``: the prediction without the findings is as good.
-        ``not_tried``: no part could be left out.
+        ``not_tried``: no part could be left out. ``map``: a map was fitted to all recordings.
     left_out : str
         Kind of the parts left out in turn: ``recording``, ``speed``, ``azimuth``, ``time``; empty for a validation.
     parts : int
@@ -541,6 +547,8 @@ class Diagnosis:
         Deviations of instruments from the bench file, strongest first.
     free_form : tuple of FreeForm
         For ``unknown``: formulas for the residual that no known effect explains.
+    rejected : tuple of str
+        Effects and forms that the recordings seemed to need, and that make the prediction of unused data worse.
     map : CorrectionMap or None
         For ``unknown``: the missing torque as a smooth function, where that predicts data left out better than nothing
         and describes the recordings better than all else that was found.
@@ -597,6 +605,7 @@ class Diagnosis:
     effects: tuple[EffectFinding, ...] = ()
     instruments: tuple[InstrumentFinding, ...] = ()
     free_form: tuple[FreeForm, ...] = ()
+    rejected: tuple[str, ...] = ()
     map: CorrectionMap | None = None
     error: ErrorTable | None = None
     where: tuple[Region, ...] = ()

@@ -177,7 +177,7 @@ def _fails_cross_validation(problem: Problem, fit: Fit) -> Term | None:
     for term in fit.terms:
         if term.effect is not None:
             without = problem.fit(tuple(t for t in fit.terms if t != term), fit)
-            if not _survives_cross_validation(problem, without, fit, term):
+            if not survives_cross_validation(problem, without, fit, term):
                 failing.append((without.chi2 - fit.chi2, term))
     return min(failing, key=lambda pair: pair[0])[1] if failing else None
 
@@ -349,7 +349,7 @@ def left_out(design: Array, residual: Array, inverse: Array, mask: NDArray[np.bo
     return LeftOut(own, shift, covariance, chi2)
 
 
-def _survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
+def survives_cross_validation(problem: Problem, without: Fit, with_: Fit, term: Term) -> bool:
     """Whether the prediction of a speed, a tilt direction or a recording that was left out is no worse with a term.
 
     The prediction is judged by its own uncertainty (the predictive density of the part given the rest). A part is

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.text import Text
@@ -36,6 +37,8 @@ def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
     """
     if proof is None:
         return "NOT tested: nothing could be diagnosed."
+    if proof.reason == "map":
+        return f"Not tested on anything that was not fitted: the map was fitted to all of it. {HOW}"
     if proof.proven is None:
         return f"Not tested on anything that was not fitted: too few windows to leave some out. {HOW}"
     on = f" with {proof.recording}" if not proof.left_out else ""
@@ -49,6 +52,24 @@ def proof_line(proof: Proof | None, table: ErrorTable | None = None) -> Text:
     """Return `proof_sentence` as the last line of a verdict: bold, and green or red where there is an answer."""
     colour = "" if proof is None or proof.proven is None else "green" if proof.proven else "red"
     return Text(proof_sentence(proof, table), style=f"bold {colour}".strip())
+
+
+def left_sentences(proof: Proof | None, rejected: Sequence[str] = ()) -> list[str]:
+    """Return what is left in the channels that fail, and what is not offered for it."""
+    said = []
+    if rejected:
+        verb = "make" if len(rejected) > 1 else "makes"
+        names = listed(list(rejected), "and")
+        said.append(f"Not offered: {names} {verb} the prediction of data that were not fitted worse.")
+    left = {} if proof is None else {c.channel: c.floors for c in proof.channels if c.floors > 0.0}
+    parts = []
+    for name, size in left.items():
+        largest = proof is not None and name in proof.causes and proof.speed > 0.0
+        where = f", largest at {proof.speed / RPM:.0f} rpm" if largest and proof is not None else ""
+        parts.append(f"{fixed(size)} noise floors in {LISTED[name].title}{where}")
+    if parts:
+        said.append(f"Left: {'; '.join(parts)}.")
+    return said
 
 
 def _parts(proof: Proof) -> str:

@@ -1,0 +1,82 @@
+"""Nothing is offered that makes the prediction of data worse on which it was not fitted.
+
+Effects are cross-validated as they are selected. Here the free form is, and on recordings for validation everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gyrowheel_analysis.criteria import WORSE_ELSEWHERE
+from gyrowheel_analysis.diagnosis.events import as_events, unused_events
+from gyrowheel_analysis.diagnosis.explanation import Explanation
+from gyrowheel_analysis.diagnosis.selection import survives_cross_validation
+from gyrowheel_analysis.fitting.fit import Fit, Term
+from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_recording.bags import Recording
+
+
+def supported(explanation: Explanation, validate: Sequence[Recording]) -> Explanation:
+    """Return an explanation without the terms that make the prediction of unused data worse; `rejected` names these."""
+    proposal = explanation.proposal
+    if proposal is not None:
+        problem = explanation.problem
+        without = problem.fit(proposal.kept, proposal.fit)
+        if not survives_cross_validation(problem, without, proposal.fit, proposal.term):
+            explanation = _without(explanation, proposal.term)
+    while (term := _worst_elsewhere(explanation, validate)) is not None:
+        explanation = _without(explanation, term)
+    return explanation
+
+
+def _worst_elsewhere(explanation: Explanation, validate: Sequence[Recording]) -> Term | None:
+    """Return the term that makes the prediction of the recordings for validation worst; None if none does."""
+    validation, problem, best = explanation.fitted.validation, explanation.problem, explanation.best
+    if validation is None or not best.terms:
+        return None
+    other = validation.problem.with_scales(problem.noise.scales)
+    without = {t: problem.fit(tuple(own for own in best.terms if own != t), best) for t in best.terms}
+    losses = _losses(other, best, without)
+    if max(losses.values()) > WORSE_ELSEWHERE:
+        # what happened there is no fault of the terms
+        events = as_events(unused_events(other, best, validate), [str(r.path) for r in validate])
+        losses = _losses(other.with_events(events), best, without) if events else losses
+    term = max(losses, key=lambda own: losses[own])
+    return term if losses[term] > WORSE_ELSEWHERE else None
+
+
+def _losses(other: Problem, best: Fit, without: dict[Term, Fit]) -> dict[Term, float]:
+    """Return by how much chi-squared of a prediction is larger with a term, for every term."""
+
+    def chi2(fit: Fit) -> float:
+        white = other.noise.whiten(other.measured - other.predict(fit))
+        return float(white @ white)
+
+    now = chi2(best)
+    return {term: now - chi2(fit) for term, fit in without.items()}
+
+
+def _without(explanation: Explanation, term: Term) -> Explanation:
+    """Return an explanation without one of its terms."""
+    rejected, proposal = (*explanation.rejected, term.name), explanation.proposal
+    if proposal is not None and term != proposal.term:
+        rest = explanation.problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
+        return replace(explanation, proposal=replace(proposal, fit=rest), rejected=rejected)
+    chosen = explanation.selection
+    left = tuple(t for t in chosen.best.terms if t != term)
+    problem = explanation.problem
+    if proposal is not None:  # its noise left out what the form described
+        problem = problem.with_drift_estimated()
+    best = problem.refined(problem.fit(left, chosen.best))
+    pool = tuple(t for t in chosen.pool if t != term)
+    return replace(
+        explanation,
+        fitted=replace(explanation.fitted, problem=problem),
+        weighed=replace(
+            explanation.weighed, problem=explanation.weighed.problem.with_scales(problem.noise.scales)
+        ),
+        selection=replace(chosen, problem=problem, null=problem.fit(()), best=best, pool=pool),
+        proposal=None,
+        rejected=rejected,
+    )
