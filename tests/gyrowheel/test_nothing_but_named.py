@@ -66,6 +66,7 @@ _CALLS = (
     "air --tilt 5 --speed 3500",
     "key key.json --against wheel/model.yaml",
     "batch wheel --model wheel/model.yaml --jobs 1 -o rows.csv",
+    "trend rows.csv --picture trend.png",
     "campaign --cases 1 --plan drag.yaml --jobs 1 -o campaign",
     "run",
 )

@@ -28,7 +28,9 @@ from gyrowheel.graph.page import replay_page
 from gyrowheel.investigation.api import Investigation
 from gyrowheel.investigation.procedure import Course, Step
 from gyrowheel.show.layout import UncutTable, plain_text
+from gyrowheel.trends.page import trend_page
 from gyrowheel_air.table import TorqueTable
+from gyrowheel_analysis.trend import trend
 
 from .conftest import Wheel
 from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding
@@ -41,6 +43,13 @@ WIDTHS = (80, 110, 120)
 BESIDE = 14
 
 Page = Callable[[], Iterable[RenderableType]]
+
+#: A batch in which one quantity makes a step and another one does not.
+TREND = [
+    {"recording": f"{k}", "machine": f"wheel {k}", "start": 1.7e9 + 86400.0 * k}
+    | {"v": 1.0, "v.error": 0.1, "w": 1.0 + 0.1 * (k % 3) + 4.0 * (k > 6), "w.error": 0.1}
+    for k in range(12)
+]
 
 
 def verbs(of: typer.Typer, before: str = "") -> Iterator[str]:
@@ -110,6 +119,7 @@ PAGES: dict[str, Page] = {
             {"recording": "runs/tuesday", "verdict": "failed", "effects": None, "error": "runs/tuesday: damaged"},
         ]
     ),
+    "trend": lambda: trend_page(trend(TREND)),
     "cfd mesh": lambda: mesh_page(torque_table().rows[0].case, MESH, "out/mesh"),
     "cfd run": lambda: result_page(torque_table().rows[3], "out/case"),
     "cfd sweep": lambda: sweep_page(SimpleNamespace(results=[1], reused=0, failed={}), "out"),  # type: ignore[arg-type]

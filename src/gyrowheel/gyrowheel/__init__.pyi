@@ -45,6 +45,8 @@ from gyrowheel.tables.api import suggest_map as suggest_map
 from gyrowheel.tables.api import write_table as write_table
 from gyrowheel.torque_budget.api import Torques as Torques
 from gyrowheel.torque_budget.api import torques as torques
+from gyrowheel.trends.api import Trend as Trend
+from gyrowheel.trends.api import trend as trend
 from gyrowheel_core.errors import InputError as InputError
 
 __version__: str

@@ -297,3 +297,9 @@ RATE_AGREES: Final = 0.2
 #: the recorded tilts explain where every sample is the loop's.
 OTHER_RATE: Final = 0.05
 ANSWERED: Final = 0.9
+#: Probability that anything in a table of many recordings leaves its control limits by chance, and the values that a
+#: judgement takes: from fewer, the usual spread is not known. Lower misses small changes, higher names one a table.
+TREND_CHANCE: Final = 0.01
+TREND_FEWEST: Final = 8
+#: Weight of a new value in the smoothed course of a drift, the usual one of such charts for small changes.
+TREND_SMOOTHING: Final = 0.2

@@ -37,6 +37,7 @@ from gyrowheel.report import verb as report
 from gyrowheel.simulation import verb as simulation
 from gyrowheel.tables import verb as tables
 from gyrowheel.torque_budget import verb as torque_budget
+from gyrowheel.trends import verb as trends
 from gyrowheel.workbench import verb as workbench
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.surroundings import begin
@@ -79,6 +80,7 @@ _VERBS: dict[str, tuple[tuple[Callable[..., None] | typer.Typer, str], ...]] = {
         (diagnosis.diagnose, "diagnose runs/monday --model wheel.yaml"),
         (models.model_app, "model show --model wheel.yaml"),
         (batches.batch, "batch runs --model wheel.yaml -o results.parquet"),
+        (trends.trend, "trend results.parquet --picture trend.png"),
         (investigation.investigate, "investigate --model wheel.yaml --blind key.json --budget 10"),
         (workbench.workbench, "workbench runs --model wheel.yaml"),
         (report.report, "report runs/monday --model wheel.yaml -o monday.html"),

@@ -18,12 +18,14 @@ from gyrowheel_analysis.criteria import (
     SWINGS_FEWEST,
     TREND_SHORTEST,
 )
-from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
+from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles, Rows
 from gyrowheel_analysis.fitting.events import AFTER_TILT, TEMPERATURES, TOGETHER, Event, Kind, temperature
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_recording.bags.reader import pauses
 
+_BURST_EDGES = 300  # windows between all of which bursts are tried
+_SHORT_BURST = 16  # windows of a burst that is tried anywhere
 _BREAKS = 28  # times at which a trend may begin or end
 _PAUSE = 3600.0  # s between windows; longer than in any plan
 _PHASES = 6  # of a swing, over half a period
@@ -56,38 +58,84 @@ class Candidate:
         return tuple(event.quantity for event in self.events)
 
 
+_NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
+_CHUNK = 4096  # bursts whose sums over the regressors are in memory at once
+
+
+class _Steps(Profiles):
+    """Steps between all windows; their sums are cumulative."""
+
+    def __init__(self, between: Array) -> None:
+        super().__init__("step", between[:, None], np.zeros((0, 0)))
+
+    def sums(self, values: Array) -> Array:
+        return np.asarray(values[..., ::-1].cumsum(axis=-1)[..., -2::-1])
+
+    def squares(self, block: Rows, left: Array, right: Array) -> Array:
+        return block.of_steps(left, right, _NO_PAIRS)[0][1:]
+
+
 class _Bursts(Profiles):
-    """Bursts from one window to another; their products are differences of cumulative sums."""
+    """Bursts from one window to another, by the numbers of the first one and of that after the last one (m, 2).
 
-    def __init__(self, edges: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> None:
+    Between many windows, not all pairs are tried: all short bursts, and long ones whose edges are on a grid.
+    """
+
+    def __init__(self, between: Array) -> None:
+        n = len(between) + 1
+        self.stride = -(-n // _BURST_EDGES)
+        # a burst with hardly anything before or after it is a step
+        every = np.arange(BURST_BESIDE, n - BURST_BESIDE + 1)
+        grid = every[:: self.stride]
+        a, b = np.triu_indices(len(grid), k=1)
+        pairs = np.column_stack([grid[a], grid[b]])
+        if self.stride > 1:
+            short = [np.column_stack([every[:-k], every[k:]]) for k in range(1, _SHORT_BURST + 1)]
+            pairs = np.unique(np.concatenate([pairs, *short]), axis=0)  # in the order of time
+        self._pairs, self._possible = pairs, _within(n)
+        edges = np.column_stack([between[self._pairs[:, 0] - 1], between[self._pairs[:, 1] - 1]])
         super().__init__("burst", edges, np.zeros((0, 0)))
-        self._first, self._last = first, last
 
-    def norms(self, products: Array) -> Array:
-        total = np.zeros((len(products) + 1, len(products) + 1))
-        total[1:, 1:] = products.cumsum(axis=0).cumsum(axis=1)
-        a, b = self._first, self._last
-        return total[b, b] - total[a, b] - total[b, a] + total[a, a]
+    @property
+    def places(self) -> int:
+        return self._possible
 
-    def projections(self, products: Array) -> Array:
-        total = np.concatenate([[0.0], products.cumsum()])
-        return np.asarray(total[self._last] - total[self._first])
+    def sums(self, values: Array) -> Array:
+        before = np.concatenate([np.zeros((*values.shape[:-1], 1)), values.cumsum(axis=-1)], axis=-1)
+        return np.asarray(before[..., self._pairs[:, 1]] - before[..., self._pairs[:, 0]])
+
+    def squares(self, block: Rows, left: Array, right: Array) -> Array:
+        return block.of_steps(left, right, self._pairs)[1]
+
+    def explained(self, left: Array, right: Array) -> Array:
+        before = [np.concatenate([np.zeros((1, len(own))), own.T.cumsum(axis=0)]) for own in (left, right)]
+        if self.stride == 1:
+            a, b = self._pairs.T
+            gram = before[0] @ before[1].T
+            return np.asarray(gram[b, b] - gram[a, b] - gram[b, a] + gram[a, a])
+        result = np.empty(len(self._pairs))
+        for at in range(0, len(result), _CHUNK):
+            first, last = self._pairs[at : at + _CHUNK].T
+            one, other = (own[last] - own[first] for own in before)
+            result[at : at + _CHUNK] = np.einsum("ep,ep->e", one, other)
+        return result
+
+
+def _within(n: int) -> int:
+    """Return the number of bursts between n windows that have windows before and after them."""
+    edges = max(n - 2 * BURST_BESIDE + 1, 0)
+    return edges * (edges - 1) // 2
 
 
 def _profiles(start: Array, duration: Array) -> list[Profiles]:
     """Return the events of every kind that windows in the order of time may show."""
     n = len(start)
-    steps = np.arange(1, n)
     stop = start + duration
     # between two windows, unless within the second one
     between = 0.5 * (stop[:-1] + start[1:])
-    result = [Profiles("step", between[:, None], (np.arange(n) >= steps[:, None]).astype(np.float64))]
-    first, last = (part + 1 for part in np.triu_indices(n - 1, k=1))
-    # a burst with hardly anything before or after it is a step
-    within = (first >= BURST_BESIDE) & (last <= n - BURST_BESIDE)
-    first, last = first[within], last[within]
-    if len(first):
-        result.append(_Bursts(np.column_stack([between[first - 1], between[last - 1]]), first, last))
+    result: list[Profiles] = [_Steps(between)]
+    if _within(n):
+        result.append(_Bursts(between))
     breaks = np.unique(np.r_[start[:: max(n // _BREAKS, 1)], stop[-1]])
     spans = [
         (float(a), float(b)) for i, a in enumerate(breaks) for b in breaks[i + 1 :] if b - a >= TREND_SHORTEST
@@ -136,7 +184,7 @@ def places(problem: Problem) -> list[list[Profiles]]:
 def price(kind: Kind, of_recordings: Sequence[Sequence[Profiles]]) -> float:
     """Return the gain that chance brings among the places of a kind in all recordings."""
     return chance(
-        kind, sum(len(profiles) for kinds in of_recordings for profiles in kinds if profiles.kind == kind)
+        kind, sum(profiles.places for kinds in of_recordings for profiles in kinds if profiles.kind == kind)
     )
 
 
@@ -181,5 +229,6 @@ def _spans(profiles: Profiles, likely: NDArray[np.bool_]) -> tuple[tuple[float, 
     result = []
     for tried, own in zip(profiles.tried, profiles.edges[likely].T, strict=True):
         low, high = np.searchsorted(tried, (own.min(), own.max()))
-        result.append((float(tried[max(low - 1, 0)]), float(tried[min(high + 1, len(tried) - 1)])))
+        low, high = max(low - profiles.stride, 0), min(high + profiles.stride, len(tried) - 1)
+        result.append((float(tried[low]), float(tried[high])))
     return tuple(result)

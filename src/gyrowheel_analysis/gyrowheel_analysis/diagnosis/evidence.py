@@ -5,7 +5,8 @@ marginal likelihood with the size of the drift left free, so that neither passes
 parameters and effects can explain are no events: all of these are regressors next to it.
 
 For every place the likelihood needs the products of that event with itself and with the rows, once everything else is
-projected out. These are sums over the products of single windows, which are formed once for each quantity.
+projected out. Drifts are Markov, so that all of them follow from recursions over the windows: time and memory grow with
+the windows, not with their square.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +46,9 @@ class Profiles:
     the courses over the windows.
     """
 
+    #: Number of windows between edges that are tried.
+    stride = 1
+
     def __init__(self, kind: Kind, edges: ArrayLike, weights: Array) -> None:
         self.kind, self.edges, self._weights = kind, np.asarray(edges, dtype=np.float64), weights
 
@@ -57,13 +60,25 @@ class Profiles:
     def __len__(self) -> int:
         return len(self.edges)
 
-    def norms(self, products: Array) -> Array:
-        """Return the product of every event with itself."""
-        return np.einsum("en,en->e", self._weights @ products, self._weights)
+    @property
+    def places(self) -> int:
+        """Number of places at which such an event may be: those between the tried ones are possible, too."""
+        return len(self)
 
-    def projections(self, products: Array) -> Array:
-        """Return the product of every event with the rows."""
-        return np.asarray(self._weights @ products)
+    def sums(self, values: Array) -> Array:
+        """Return the sums (..., events) of values (..., n) of the windows over the course of every event."""
+        return np.asarray(values @ self._weights.T)
+
+    def squares(self, block: Rows, left: Array, right: Array) -> Array:
+        """Return the products (events,) of whitened rows, changed by `left` and by `right` (n,) along each course."""
+        white = block.whiten((self._weights * left).T)
+        other = white if right is left else block.whiten((self._weights * right).T)
+        return np.einsum("ne,ne->e", white, other)
+
+    def explained(self, left: Array, right: Array) -> Array:
+        """Return the products (events,) of the sums of `left` and of `right` (p, n)."""
+        own = self.sums(left)
+        return np.einsum("pe,pe->e", own, own if right is left else self.sums(right))
 
 
 @dataclass(frozen=True)
@@ -78,6 +93,9 @@ class _White:
     def whiten(self, rows: Array, scale: float) -> Array:
         return np.asarray((rows.T / self.deviation).T)
 
+    def whiten_back(self, rows: Array, scale: float) -> Array:
+        return self.whiten(rows, scale)
+
     def log_determinant(self, scale: float) -> float:
         return 0.0  # always the same
 
@@ -90,6 +108,31 @@ class _Block:
     row: str
     covariance: DriftCovariance | _White
     drift: str
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of one name in one recording, with the scale of their drift and the scatter over their known noise (n,)."""
+
+    covariance: DriftCovariance | _White
+    scale: float
+    factor: Array
+
+    def whiten(self, rows: Array) -> Array:
+        """Return rows (n, ...) divided by the square root of their covariance, and by their scatter."""
+        return np.asarray((self.covariance.whiten(rows, self.scale).T / self.factor).T)
+
+    def whiten_back(self, rows: Array) -> Array:
+        """Return rows (n, ...) times the transpose of the matrix of `whiten`."""
+        return self.covariance.whiten_back((rows.T / self.factor).T, self.scale)
+
+    def of_steps(self, left: Array, right: Array, pairs: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Return the products of whitened courses from each window on (n,), and within pairs of windows (m,)."""
+        if isinstance(self.covariance, _White):
+            own = left * right / (self.covariance.deviation * self.factor) ** 2
+            before = np.concatenate([[0.0], own.cumsum()])
+            return before[-1] - before[:-1], before[pairs[:, 1]] - before[pairs[:, 0]]
+        return self.covariance.of_steps(left, right, self.factor, self.scale, pairs)
 
 
 class Evidence:
@@ -110,7 +153,6 @@ class Evidence:
         self._states: dict[tuple[float, ...], _State] = {}
         self._units: dict[tuple[str, int, float | None], dict[int, Array]] = {}
         self._noise_factor = np.ones(len(rows))
-        self._mutual: dict[tuple[int, float], Array] = {}
         self._noise_factor = self._noise_factors(self.state(self.scales).residual())
         self._states.clear()
 
@@ -118,9 +160,7 @@ class Evidence:
         """Return rows and regressors whitened for scales of the drifts."""
         key = tuple(scales.values())
         if key not in self._states:
-            self._states[key] = _State.of(
-                self._blocks, self._rows, self._columns, scales, self._noise_factor, self._mutual
-            )
+            self._states[key] = _State.of(self._blocks, self._rows, self._columns, scales, self._noise_factor)
         return self._states[key]
 
     def paths(self, drifts: Sequence[str]) -> Iterator[dict[str, float]]:
@@ -145,9 +185,9 @@ class Evidence:
         for scales in self.paths(tuple(drifts)):
             state = self.state(scales)
             above = without - state.cost - scale_cost(scales)
-            mutual, with_rows = state.of_windows(units, count)
+            products = state.products(units, count)
             for own, profiles in zip(best, courses, strict=True):
-                np.maximum(own, above + _gained(mutual, with_rows, profiles), out=own)
+                np.maximum(own, above + products.gained(profiles), out=own)
         return best
 
     def limit(self, quantities: Sequence[str], recording: int, profiles: Profiles, gain: float) -> float:
@@ -158,9 +198,10 @@ class Evidence:
         """
         count = len(self.problem.balances[recording].windows)
         units = [self._unit(quantity, recording) for quantity in quantities]
-        mutual, _ = self.state(self.scales).of_windows(units, count)
-        m = [[float(profiles.norms(own)[0]) for own in line] for line in mutual]
-        known, size = np.array(m), np.ones(len(m))
+        products = self.state(self.scales).products(units, count)
+        every = range(len(units))
+        known = np.array([[float(products.norms(profiles, i, j)[0]) for j in every] for i in every])
+        m, size = every, np.ones(len(every))
         with_one = float(size @ known @ np.linalg.solve(np.eye(len(m)) + known, known @ size))
         return math.sqrt((gain + float(np.linalg.slogdet(np.eye(len(m)) + known)[1])) / with_one)
 
@@ -226,28 +267,36 @@ def _groups(balance: Balance) -> Iterator[NDArray[np.int64]]:
     yield from np.split(order, edges)
 
 
-def _gained(mutual: Sequence[Sequence[Array]], with_rows: Sequence[Array], profiles: Profiles) -> Array:
-    """Return the increase of twice the log likelihood by events of one or two quantities, for given drifts."""
-    b = [profiles.projections(own) for own in with_rows]
-    xx = 1.0 + profiles.norms(mutual[0][0])
-    if len(b) == 1:
-        return np.asarray(b[0] ** 2 / xx - np.log(xx))
-    xy, yy = profiles.norms(mutual[0][1]), 1.0 + profiles.norms(mutual[1][1])
-    determinant = xx * yy - xy**2
-    gained = (yy * b[0] ** 2 - 2.0 * xy * b[0] * b[1] + xx * b[1] ** 2) / determinant
-    return np.asarray(gained - np.log(determinant))
+@dataclass(frozen=True)
+class _Products:
+    """Products of a change of one or two quantities in single windows, beyond what the regressors explain.
 
-
-class _Products(NamedTuple):
-    """Products of unit changes in the single windows of a block: the factors of all sizes.
-
-    `mutual` is with each other (n, n), or the diagonal alone (n,) where the rows are independent; `with_rows` (n,) with
-    the rows; `with_regressors` (p, n) with the regressors.
+    `parts` has the rows in which a quantity shows, with the change of each by the number of the quantity; `with_rows`
+    (n,) are the products with the measured rows, `with_regressors` (p, n) those with the regressors.
     """
 
-    mutual: Array
-    with_rows: Array
-    with_regressors: Array
+    parts: list[tuple[Rows, dict[int, Array]]]
+    with_rows: list[Array]
+    with_regressors: list[Array]
+
+    def norms(self, profiles: Profiles, i: int, j: int) -> Array:
+        """Return the products (events,) of two quantities that change along every course."""
+        own = -profiles.explained(self.with_regressors[i], self.with_regressors[j])
+        for rows, changes in self.parts:
+            if i in changes and j in changes:
+                own = own + profiles.squares(rows, changes[i], changes[j])
+        return own
+
+    def gained(self, profiles: Profiles) -> Array:
+        """Return the increase of twice the log likelihood by every event."""
+        b = [profiles.sums(own) for own in self.with_rows]
+        xx = 1.0 + self.norms(profiles, 0, 0)
+        if len(b) == 1:
+            return np.asarray(b[0] ** 2 / xx - np.log(xx))
+        xy, yy = self.norms(profiles, 0, 1), 1.0 + self.norms(profiles, 1, 1)
+        determinant = xx * yy - xy**2
+        gained = (yy * b[0] ** 2 - 2.0 * xy * b[0] * b[1] + xx * b[1] ** 2) / determinant
+        return np.asarray(gained - np.log(determinant))
 
 
 @dataclass(frozen=True)
@@ -255,8 +304,7 @@ class _State:
     """Rows whitened for some scales of the drifts, with their projection on the regressors.
 
     `projection` and `projected_rows` give the products of any two columns beyond the regressors: their scalar product
-    minus that of their projections. `mutual` caches `_Products.mutual` of all states, by the number of the block and
-    the scale of its drift.
+    minus that of their projections.
     """
 
     blocks: Sequence[_Block]
@@ -266,8 +314,7 @@ class _State:
     projection: Array
     projected_rows: Array
     cost: float
-    mutual: dict[tuple[int, float], Array]
-    known: dict[int, _Products] = field(default_factory=dict)
+    known: dict[int, tuple[Rows, Array, Array]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -277,7 +324,6 @@ class _State:
         columns: Array,
         scales: Mapping[str, float],
         noise_factor: Array,
-        mutual: dict[tuple[int, float], Array],
     ) -> _State:
         parts, at, log_det = [], 0, 0.0
         both = np.column_stack([columns, rows])
@@ -293,62 +339,40 @@ class _State:
         projected_rows = projection @ target
         log_det += 2.0 * float(np.log(np.diag(root)).sum())
         cost = log_det + float(target @ target - projected_rows @ projected_rows)
-        return cls(blocks, scales, noise_factor, target, projection, projected_rows, cost, mutual)
+        return cls(blocks, scales, noise_factor, target, projection, projected_rows, cost)
 
     def residual(self) -> Array:
         """Return the rows (N,) without their projection on the regressors."""
         return self.rows - self.projection.T @ self.projected_rows
 
-    def of_windows(
-        self, units: Sequence[Mapping[int, Array]], count: int
-    ) -> tuple[list[list[Array]], list[Array]]:
-        """Return products of the single windows of quantities with each other (n, n) and with the rows (n,).
+    def products(self, units: Sequence[Mapping[int, Array]], count: int) -> _Products:
+        """Return the products of changes in the single windows of a recording.
 
         `units` has the rows of every quantity by the number of the block; `count` is the number of windows.
         """
-        mutual = [[np.zeros((count, count)) for _ in units] for _ in units]
-        with_rows = [np.zeros(count) for _ in units]
-        with_regressors = [np.zeros((len(self.projected_rows), count)) for _ in units]
+        result = _Products(
+            [], [np.zeros(count) for _ in units], [np.zeros((len(self.projected_rows), count)) for _ in units]
+        )
         at = 0
         for index, block in enumerate(self.blocks):
             here = slice(at, at + len(block.covariance))
             at = here.stop
-            own = [unit.get(index) for unit in units]
-            if all(rows is None for rows in own):
+            own = {k: unit[index] for k, unit in enumerate(units) if index in unit}
+            if not own:
                 continue
-            known = self._products(index, block, here)
-            for i, left in enumerate(own):
-                if left is None:
-                    continue
-                with_rows[i] += left * known.with_rows
-                with_regressors[i] += left * known.with_regressors
-                for j, right in enumerate(own[i:], i):
-                    if right is None:
-                        continue
-                    if known.mutual.ndim == 1:
-                        np.einsum("nn->n", mutual[i][j])[:] += left * known.mutual * right
-                    else:
-                        mutual[i][j] += left[:, None] * known.mutual * right
-        for i, left in enumerate(with_regressors):
-            with_rows[i] -= left.T @ self.projected_rows
-            for j, right in enumerate(with_regressors[i:], i):
-                mutual[i][j] -= left.T @ right
-                if j > i:
-                    mutual[j][i] = mutual[i][j].T
-        return mutual, with_rows
+            rows, with_rows, with_regressors = self._of(index, block, here)
+            result.parts.append((rows, own))
+            for k, change in own.items():
+                result.with_rows[k] += change * with_rows
+                result.with_regressors[k] += change * with_regressors
+        for rows_, regressors in zip(result.with_rows, result.with_regressors, strict=True):
+            rows_ -= self.projected_rows @ regressors
+        return result
 
-    def _products(self, index: int, block: _Block, here: slice) -> _Products:
-        """Return the products of unit changes in the windows of a block."""
+    def _of(self, index: int, block: _Block, here: slice) -> tuple[Rows, Array, Array]:
+        """Return a block with the products of a unit change in each of its windows with rows and regressors."""
         if index not in self.known:
-            projection, rows = self.projection[:, here], self.rows[here]
-            noise_factor = self.noise_factor[here]
-            if isinstance(block.covariance, _White):
-                weight = 1.0 / (block.covariance.deviation * noise_factor)
-                self.known[index] = _Products(weight**2, weight * rows, projection * weight)
-            else:
-                scale = self.scales.get(block.drift, 1.0)
-                pulses = block.covariance.whiten(np.eye(len(rows)), scale) / noise_factor[:, None]
-                if (index, scale) not in self.mutual:
-                    self.mutual[index, scale] = pulses.T @ pulses
-                self.known[index] = _Products(self.mutual[index, scale], rows @ pulses, projection @ pulses)
+            rows = Rows(block.covariance, self.scales.get(block.drift, 1.0), self.noise_factor[here])
+            back = rows.whiten_back(np.column_stack([self.rows[here], self.projection[:, here].T]))
+            self.known[index] = rows, np.ascontiguousarray(back[:, 0]), np.ascontiguousarray(back[:, 1:].T)
         return self.known[index]

@@ -85,6 +85,46 @@ class DriftCovariance:
         _innovations(flat, order, self._fading, gain, deviation, out)
         return out.reshape(shape)
 
+    def whiten_back(self, rows: Array, scale: float) -> Array:
+        """Return rows (n, ...) times the transpose of the matrix by which `whiten` multiplies."""
+        gain, deviation = self._filter(scale)
+        shape = np.shape(rows)
+        flat = np.ascontiguousarray(rows, dtype=np.float64).reshape(len(self), math.prod(shape[1:]))
+        out = np.empty_like(flat)
+        order = np.arange(len(self)) if self._order is None else self._order
+        _innovations_back(flat, order, self._fading, gain, deviation, out)
+        return out.reshape(shape)
+
+    def of_steps(
+        self, left: Array, right: Array, factor: Array, scale: float, pairs: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Return products of whitened rows that are zero outside of some windows, in linear time.
+
+        Parameters
+        ----------
+        left, right : ndarray (n,)
+            Two courses over the windows, in the order of time.
+        factor : ndarray (n,)
+            Scatter by which the whitened rows are divided.
+        scale : float
+            Scale of the drift.
+        pairs : ndarray (m, 2)
+            First window, and the one after the last; ascending by the first one, then by the second.
+
+        Returns
+        -------
+        steps : ndarray (n,)
+            Products of both courses from each window on.
+        bursts : ndarray (m,)
+            Products of both within each pair.
+        """
+        gain, deviation = self._filter(scale)
+        steps, bursts = np.empty((3, len(self))), np.empty(len(pairs))
+        weight = 1.0 / (deviation * factor) ** 2
+        _steps(left, right, self._fading, gain, weight, steps)
+        _bursts(left, right, self._fading, gain, steps, pairs, bursts)
+        return steps[0], bursts
+
     def shares(self, rows: Array, scale: float) -> Array:
         """Return the part (n,) of chi-squared that belongs to each row, in proportion to its square over its variance.
 
@@ -193,6 +233,57 @@ def _innovations(rows: Any, order: Any, fading: Any, gain: Any, deviation: Any, 
             new = rows[place, c] - ahead
             out[place, c] = new / deviation[k]
             level[c] = ahead + gain[k] * new
+
+
+@njit(cache=True, error_model="numpy")
+def _innovations_back(rows: Any, order: Any, fading: Any, gain: Any, deviation: Any, out: Any) -> None:
+    """Fill `out` with the rows times the transpose of the matrix by which `_innovations` multiplies."""
+    columns = rows.shape[1]
+    level = np.zeros(columns)
+    for k in range(len(order) - 1, -1, -1):
+        place = order[k]
+        for c in range(columns):
+            new = rows[place, c] / deviation[k] + gain[k] * level[c]
+            out[place, c] = new
+            level[c] = fading[k] * (level[c] - new)
+
+
+@njit(cache=True, error_model="numpy")
+def _steps(left: Any, right: Any, fading: Any, gain: Any, weight: Any, out: Any) -> None:
+    """Fill `out` with the products of the innovations of two inputs from row k on, and how they grow with the levels.
+
+    From row k on they are a l m + p l + q m + c for levels l and m of the two before it: `out` has c, p and q.
+    """
+    a = p = q = c = 0.0
+    for k in range(len(left) - 1, -1, -1):
+        f, g, w, u, v = fading[k], gain[k], weight[k], left[k], right[k]
+        kept = f * (1.0 - g)
+        c = w * u * v + a * g * g * u * v + p * g * u + q * g * v + c
+        p, q = -w * f * v + a * kept * g * v + p * kept, -w * f * u + a * kept * g * u + q * kept
+        a = w * f * f + a * kept * kept
+        out[0, k], out[1, k], out[2, k] = c, p, q
+
+
+@njit(cache=True, error_model="numpy")
+def _bursts(left: Any, right: Any, fading: Any, gain: Any, steps: Any, pairs: Any, out: Any) -> None:
+    """Fill `out` with the products of two inputs that are zero before the first row of a pair, and from its second on.
+
+    Each is the difference of two steps: the mixed products follow from the levels at which the first one arrives.
+    """
+    first = at = -1
+    one = other = 0.0
+    for k in range(len(pairs)):
+        if pairs[k, 0] != first:
+            first = at = pairs[k, 0]
+            one = other = 0.0
+        while at < pairs[k, 1]:
+            kept = fading[at] * (1.0 - gain[at])
+            one = kept * one + gain[at] * left[at]
+            other = kept * other + gain[at] * right[at]
+            at += 1
+        out[k] = steps[0, first]
+        if at < len(left):
+            out[k] -= steps[0, at] + steps[1, at] * one + steps[2, at] * other
 
 
 def average_covariance(balance: Balance, predicted: Array, channel: Channel, row: str) -> DriftCovariance:

@@ -1,0 +1,1 @@
+"""Results of many recordings over time and machine."""

@@ -1,0 +1,70 @@
+"""Picture of many recordings over time: values with their errors, and control limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from gyrowheel.show.figure import BLUE, FAINT, INK, SOFT, VERMILION, Picture, add_grid, drawn
+from gyrowheel.trends.page import day, summary
+from gyrowheel_analysis.trend import Course, Trend
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_MOST = 6
+_DAY = 86400.0  # s
+
+
+@drawn(10.0)
+def figure_of_trend(result: Trend) -> Figure:
+    """Draw up to six courses with their control limits, 1200 dots wide; those that left them first."""
+    shown = result.courses[:_MOST]
+    rows = -(-len(shown) // 2)
+    figure = Picture(12.0, 1.4 + 2.6 * rows)
+    figure.text(
+        0.06, 1.0 - 0.45 / figure.get_figheight(), summary(result), fontsize=14, fontweight="bold", color=INK
+    )
+    edges = {"left": 0.08, "right": 0.98, "top": 1.0 - 1.0 / figure.get_figheight(), "hspace": 0.55}
+    grid = figure.subplots(
+        rows, 2, squeeze=False, gridspec_kw={**edges, "bottom": 0.5 / figure.get_figheight(), "wspace": 0.22}
+    )
+    places = [axes for row in grid for axes in row]
+    for axes, course in zip(places, shown, strict=False):
+        _course(axes, course)
+    for axes in places[len(shown) :]:
+        axes.set_visible(False)
+    handles, labels = places[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="upper right", bbox_to_anchor=(0.98, 1.0 - 0.2 / figure.get_figheight()), ncols=3
+    )
+    return figure
+
+
+def _course(axes: Axes, course: Course) -> None:
+    begin = float(course.time[0])
+    days = (course.time - begin) / _DAY
+    low, high = course.limits
+    axes.fill_between(days, low, high, color=FAINT, label="control limits", zorder=1)
+    axes.axhline(course.centre, color=SOFT, lw=0.8, zorder=2)
+    axes.errorbar(
+        days,
+        course.value,
+        course.standard_error,
+        fmt="o",
+        ms=3.5,
+        lw=0.8,
+        color=BLUE,
+        label="value",
+        zorder=3,
+    )
+    if course.departure is not None:
+        first = course.departure.first
+        axes.plot(
+            days[first], course.value[first], "o", ms=10, mfc="none", mec=VERMILION, mew=1.6,
+            label=f"{course.departure.kind}", zorder=4,
+        )  # fmt: skip
+    axes.set_title(f"{course.name}, over the {course.over}", fontsize=10)
+    axes.set_xlabel(f"days since {day(begin)}", fontsize=9)
+    axes.set_ylabel("SI units", fontsize=9)
+    add_grid(axes)
