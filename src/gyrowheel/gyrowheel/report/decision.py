@@ -49,6 +49,8 @@ def _found(found: Diagnosis, cells: Cells) -> list[Markup | str]:
         lines.append(Markup("{} ({}): {}.").format(title(effect), effect.name, values))
     lines += [f"{item.title}." for item in found.instruments]
     lines += [Markup("An unknown law; a formula that fits: {}.").format(f.formula) for f in found.free_form]
+    if found.map is not None:
+        lines.append(cells.words("diagnosis.map.sentences.0"))
     if not lines:
         lines.append(
             sections.setup(found.setup)[0]["problem"] if found.setup else cells.words("diagnosis.summary")
@@ -138,6 +140,8 @@ def _advice(report: ReportContent) -> list[str]:
         lines.append(
             f"Add {listed([own.name for own in found.effects], 'and')} to the model (How to repeat it: Next)."
         )
+    elif found.map is not None and not found.free_form:
+        lines.append("Use the map as a correction within its range, and look for its cause.")
     elif found.instruments and not found.effects:
         lines.append("Correct or calibrate the instrument.")
     test = found.next_test

@@ -13,6 +13,7 @@ from gyrowheel.recordings.page import integrity_text
 from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.formulas import is_pure, pretty, typeset
 from gyrowheel.show.html import Cells, declared, label
+from gyrowheel.show.sentences.correction import range_text
 from gyrowheel.show.sentences.diagnosis import physics, purpose, simple_sentence, tie_sentence, title
 from gyrowheel.show.sentences.findings import tie_of_event, untold_sentences
 from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
@@ -20,6 +21,7 @@ from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM, Unit, unit_for
 from gyrowheel_sim.effects.quantities import QUANTITIES
+from gyrowheel_sim.effects.torque_map import TorqueMap
 
 if TYPE_CHECKING:
     from gyrowheel.investigation.api import Investigation
@@ -71,6 +73,7 @@ def of_diagnosis(found: Diagnosis, cells: Cells) -> dict[str, Any]:
         "findings": findings(found, cells),
         "instruments": instruments(found, cells),
         "forms": forms(found, cells),
+        "map": correction_map(found, cells),
         "events": events(found),
         "readings": readings(found, cells),
         "remarks": remarks(found, cells),
@@ -176,6 +179,17 @@ def forms(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
     return items
 
 
+def correction_map(found: Diagnosis, cells: Cells) -> dict[str, Any] | None:
+    """Return the map of the missing torque, in sentences; None without one."""
+    if found.map is None:
+        return None
+    count = len(cells.at("diagnosis.map.sentences"))
+    return {
+        "name": found.map.effect.name,
+        "said": [cells.words(f"diagnosis.map.sentences.{n}") for n in range(count)],
+    }
+
+
 def readings(found: Diagnosis, cells: Cells) -> list[Any]:
     """Return the properties of instruments that the samples show."""
     # in the JSON they follow the instruments that the fit found
@@ -271,7 +285,7 @@ def symbols(model: Model, found: Diagnosis) -> list[dict[str, str]]:
     rows += [
         {"symbol": c.name, "unit": c.unit, "about": f"{c.description} ({name})"}
         for name in named
-        if name in library
+        if name in library and not isinstance(library[name], TorqueMap)
         for c in library[name].coefficients
     ]
     fixed_ones = (
@@ -362,7 +376,10 @@ def model_effects(model: Model, cells: Cells) -> list[dict[str, Any]]:
             "title": library[name].title,
             "law": typeset(library[name].formula),
             "source": library[name].source,
-            "rows": [
+            "range": range_text(own) if isinstance(own := library[name], TorqueMap) else "",
+            "rows": []
+            if isinstance(library[name], TorqueMap)  # it has dozens, of which none means anything alone
+            else [
                 {
                     "name": c.name,
                     "about": c.description,

@@ -13,7 +13,7 @@ from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.compare import Comparison
 from gyrowheel_analysis.residuals.error_table import Part, Residuals
-from gyrowheel_core.units import unit_for
+from gyrowheel_core.units import Unit, unit_for
 
 Array = NDArray[np.float64]
 
@@ -26,8 +26,8 @@ _PARTS = {"average": (" x", " y"), "revolution": (", real part", ", imaginary pa
 def residuals(session: Session) -> list[dict[str, Any]]:
     """Return each row of each channel: measured, predicted, residual with its noise, and whether it is noise.
 
-    A row has its values in one unit, a value a window, in the order of the windows; ``before`` is the residual of the
-    previous model in this session on the same windows, null without one.
+    A row has a value a window, in the order of the windows; the residual and its noise are in a unit of their own.
+    ``before`` is the residual of the previous model in this session on the same windows, null without one.
     """
     found = session.step.comparison
     if found is None:
@@ -52,9 +52,13 @@ def _row(name: str, part: Part, place: int, before: Part | None) -> dict[str, An
     kind = part.kind
     values = _side(part.values, place)
     unit = unit_for(float(np.median(np.abs(part.sigma))) or 1.0, kind.unit)
+    measured = None if part.measured is None else _side(part.measured, place)
+    whole = (
+        unit if measured is None else unit_for(float(np.max(np.abs(measured), initial=0.0)) or 1.0, kind.unit)
+    )
     several = _PARTS.get(kind.group, _PARTS["revolution"]) if len(kind.rows) > 1 else ("",)
 
-    def shown(own: Array) -> list[float]:
+    def shown(own: Array, unit: Unit = unit) -> list[float]:
         return [float(f"{v:.6g}") for v in own / unit.size]
 
     return {
@@ -63,8 +67,9 @@ def _row(name: str, part: Part, place: int, before: Part | None) -> dict[str, An
         "title": kind.title + several[place],
         "unit": unit.label,
         "order": kind.order,
-        "measured": None if part.measured is None else shown(_side(part.measured, place)),
-        "predicted": None if part.measured is None else shown(_side(part.measured - part.values, place)),
+        "measured": None if measured is None else shown(measured, whole),
+        "predicted": None if measured is None else shown(measured - values, whole),
+        "measured_unit": whole.label,
         "residual": shown(values),
         "sigma": shown(part.sigma),
         "before": None if before is None else shown(_side(before.values, place)),

@@ -243,7 +243,7 @@ def _verdict(session: Session) -> dict[str, Any]:
         shown |= {"words": "The model is not compared with these recordings yet."}
     else:
         shown |= {"words": "No recording is open to fit."}
-    return shown | {"next": {"do": "", "plan": "", "focus": "", "link": ""} | _next(session)}
+    return shown | {"next": {"do": "", "plan": "", "what": "", "focus": "", "link": ""} | _next(session)}
 
 
 def _next(session: Session) -> dict[str, Any]:
@@ -264,6 +264,9 @@ def _next(session: Session) -> dict[str, Any]:
     if all_of := _to_add(found):
         what, label = ("it", f"Add {all_of[0]}") if len(all_of) == 1 else ("them", f"Add all {len(all_of)}")
         return {"words": f"Add {what} to the model.", "do": "add_all", "label": label}
+    if found.map is not None:
+        words = "No known law explains it; its map corrects the model."
+        return {"words": words, "do": "add", "what": "map", "label": "Add the map"}
     if found.verdict != "nothing_missing" and found.next_test is not None:
         plan = found.next_test.plan
         runs = {"do": "test", "label": f"Run {plan}", "plan": plan} if _simulated(session) else {}
