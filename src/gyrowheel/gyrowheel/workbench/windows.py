@@ -22,8 +22,9 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 
 Array = NDArray[np.float64]
 
-_WORST = 1e3  # χ²/N at the end of the colours
-_BETTER = 0.15  # of the squares: what direction, time and temperature must explain beyond tilt and speed
+#: Ranges of a variable below which nothing can depend on it visibly [rad, rad/s, s, K].
+_STILL = {"tilt": 0.3 * DEG, "speed": 50.0 * RPM, "time": 1.0, "temperature": 1.0}
+_BETTER = 0.25  # of the variance: what direction, time and temperature must explain beyond tilt and speed
 
 
 def windows(session: Session) -> dict[str, Any] | None:
@@ -64,22 +65,28 @@ def windows(session: Session) -> dict[str, Any] | None:
     }
 
 
-def _told(colour: Array, masks: Sequence[NDArray[np.bool_]]) -> float:
-    """Return the share of the squares of some values that the other windows of the same cell predict.
+def _told(colour: Array, w: Windows, variable: str) -> float:
+    """Return the share of the variance of some values that a smooth function of a variable explains, adjusted.
 
-    A window that is alone in its cell is predicted by all others: many small cells gain nothing.
+    The function is a parabola; of the direction it is a wave once and twice around, and a value of upright windows. It
+    is adjusted for the number of its coefficients, which explain a part of anything.
     """
-
-    def others(own: Array) -> Array:
-        return np.asarray((own.sum() - own) / max(len(own) - 1, 1))
-
-    plain = others(colour)
-    predicted = plain.copy()
-    for mask in masks:
-        if mask.sum() > 1:
-            predicted[mask] = others(colour[mask])
-    whole = float(np.sum((colour - plain) ** 2))
-    return 1.0 - float(np.sum((colour - predicted) ** 2)) / whole if whole > 0.0 else 0.0
+    at, one = values_of(w, variable), np.ones(len(colour))
+    if variable == "azimuth":
+        tilted = np.abs(np.asarray(w.mean_tilt)) >= UPRIGHT
+        waves = [part(n * at) * tilted for n in (1, 2) for part in (np.cos, np.sin)]
+        design = np.column_stack([one, 1.0 * tilted, *waves])
+    else:
+        reach = float(np.ptp(at))
+        if reach <= _STILL[variable]:
+            return 0.0
+        design = np.vander((at - at.mean()) / reach, 3)
+    basis, size, _ = np.linalg.svd(design, full_matrices=False)
+    basis = basis[:, size > 1e-9 * size[0]]
+    free = len(colour) - basis.shape[1]
+    whole = float(np.sum((colour - colour.mean()) ** 2))
+    left = float(np.sum((colour - basis @ (basis.T @ colour)) ** 2))
+    return 1.0 - left / whole * (len(colour) - 1) / free if whole > 0.0 and free > 0 else 0.0
 
 
 def _shown(variable: str, values: Array) -> list[float]:
@@ -133,19 +140,19 @@ def values_of(w: Windows, variable: str) -> Array:
 
 
 def worst_place(data: WindowResiduals) -> tuple[str, str]:
-    """Return the channel with the largest χ²/N, and the variable whose cells distinguish its windows best.
+    """Return the channel with the largest χ²/N, and the variable that distinguishes its windows best.
 
-    What counts is what a map shows: the logarithm of χ²/N within the range of its colours. Most laws depend on tilt and
+    What counts is what the colours show: the logarithm of χ²/N above noise. Most laws depend on tilt and
     speed, and a plan sets these one after the other, in some directions: direction, time and temperature count only
     where they distinguish clearly better.
     """
     channel = max(data.parts, key=lambda name: data.parts[name].chi2.sum() / max(data.parts[name].rows, 1))
     part = data.parts[channel]
-    colour = np.log10(np.clip(part.chi2 / len(part.kind.rows), 1.0, _WORST))
-    score = {}
-    for variable in VARIABLES:
-        masks = [members(data, variable, cell) for cell in residual_map(data, (variable,)).cells]
-        score[variable] = _told(colour, masks) - (0.0 if variable in ("tilt", "speed") else _BETTER)
+    colour = np.log10(np.maximum(part.chi2 / len(part.kind.rows), 1.0))
+    score = {
+        variable: _told(colour, data.windows, variable) - (0.0 if variable in ("tilt", "speed") else _BETTER)
+        for variable in VARIABLES
+    }
     best = max(score, key=lambda name: score[name])
     return channel, best if score[best] > 0.0 else "speed"
 
