@@ -67,6 +67,9 @@ EXPONENT_CLOSE: Final = 0.05
 MAP_MARGIN: Final = 0.03
 MAP_WARMER: Final = 3.0
 
+#: Scale of a drift from which on a map is tried in its place. Lower costs time, higher lets a drift pass for a torque.
+DRIFT_OR_MAP: Final = 2.0
+
 # --- events and shapes of drifts ---
 
 #: Gain of an event beyond the largest one by chance among all times. Lower invents events in quiet recordings,
@@ -128,8 +131,8 @@ CAUSE_SHARE: Final = 0.8
 PROOF_PARTS: Final = {"recording": 2, "speed": 3, "azimuth": 3, "time": 4}
 PROOF_ROWS: Final = 12
 
-#: Increase of chi-squared on recordings for validation by a finding, from which on it is not offered (3 standard
-#: deviations). Lower drops true effects, higher offers what only describes the fitted recordings.
+#: Decrease of twice the log likelihood of recordings for validation by a finding, from which on it is not offered (3
+#: standard deviations). Lower drops true effects, higher offers what only describes the fitted recordings.
 WORSE_ELSEWHERE: Final = 9.0
 
 # --- what changed between two sets of recordings ---

@@ -27,6 +27,7 @@ from gyrowheel.campaigns.reality import (
     outside_forms,
     shape_of,
 )
+from gyrowheel.campaigns.strange import STRANGE, strange_effect
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT, EVENT_GAIN
 from gyrowheel_analysis.diagnosis.event_scan import places, price
@@ -159,7 +160,10 @@ class Yardstick:
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: the part that no single library effect explains counts."""
         terms = [self._columns(term) for term in candidate_terms(self._problem.bench)]
-        left = self._left(np.column_stack([*terms, self._response(form.effect.name, values)]), drift)
+        problem, term = self._problem, Term(form.effect.name, form.effect)
+        point = replace(problem.unknowns.stated({term.name: values}), terms=(term,))
+        response = problem.predict(point) - problem.base
+        left = self._left(np.column_stack([*terms, response]), drift)
         edges = np.cumsum([0, *(columns.shape[1] for columns in terms)])
         chi2 = min(_apart(left[:, -1], left[:, a:b]) for a, b in itertools.pairwise(edges))
         return _over_limit(chi2, ACCEPTED_GAIN)
@@ -259,9 +263,15 @@ def hide(case: Case, measure: Yardstick) -> Secret:
             lambda names: _turn(names, campaign.seed, case.index, "instrument"),
         )
     resembles = None
+    strange: dict[str, Effect] = {}
     if case.kind == "outside":
-        form = _turn(outside_forms(), campaign.seed, case.ordinal, "outside")
-        drawn = draw_effect(form.effect, rng)
+        pool = (*outside_forms(), *(STRANGE if campaign.reality else ()))
+        chosen = _turn(pool, campaign.seed, case.ordinal, "outside")
+        if isinstance(chosen, OutsideForm):
+            form, drawn = chosen, draw_effect(chosen.effect, rng)
+        else:
+            effect, drawn = strange_effect(chosen, rng)
+            form, strange = OutsideForm(effect), {effect.name: effect}
         factor = _log_uniform(rng, SMALLEST_OUTSIDE, LARGEST)
         truth[form.effect.name], size = _scaled(
             form.effect, drawn, factor, lambda v: measure.size_outside(form, v, drift), capped=False
@@ -291,7 +301,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
         values=values,
         effects={name: v for name, v in {**truth, **alike, **wrong}.items() if name not in ERRORS},
         noise_seed=int(rng.integers(2**32)),
-        declared=declared() if set(truth) & set(declared()) else {},
+        declared=strange or (declared() if set(truth) & set(declared()) else {}),
     )
     return Secret(
         scenario,

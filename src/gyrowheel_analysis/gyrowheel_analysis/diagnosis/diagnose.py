@@ -12,6 +12,7 @@ import numpy as np
 
 from gyrowheel_analysis.criteria import (
     CHI2_RANGE,
+    DRIFT_OR_MAP,
     MISSTATED,
     RIVAL_LOSS,
     SETTLING_SEPARATION,
@@ -197,8 +198,11 @@ def _judged(
 
 
 def _leaves_something(found: Diagnosis) -> bool:
-    """Whether something is missing beyond what was found."""
+    """Whether something may be missing beyond what was found; where that is nothing, an enlarged drift may be it."""
     proof = found.proof
+    nothing = not (found.effects or found.instruments or found.free_form)
+    if nothing and max(found.drift_scales.values(), default=1.0) > DRIFT_OR_MAP:
+        return True
     failed = proof is not None and proof.proven is False
     return found.verdict == "unknown" or (
         failed and proof is not None and proof.reason in ("misfit", "channel", "dependence")

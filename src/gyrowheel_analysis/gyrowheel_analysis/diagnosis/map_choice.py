@@ -12,6 +12,7 @@ from gyrowheel_analysis.criteria import (
     CROSS_VALIDATION_LOSS,
     EVENT_GAIN,
     FORM_GAIN,
+    NOISE_REACHED,
     PREDICTING_GAIN,
 )
 from gyrowheel_analysis.diagnosis.channel_checks import places_of
@@ -74,6 +75,14 @@ def supported(found: MapFit) -> tuple[Target, ...]:
     return tuple(result)
 
 
+def _is_noise(found: MapFit) -> bool:
+    """Whether a map leaves noise alone in every channel that a torque acts on."""
+    left = found.rows - found.design @ _solved(found.design, found.rows)
+    places = places_of(found.problem.balances)
+    own = [places[name] for names in CHANNELS.values() for name in names if name in places]
+    return all(float(np.mean(left[rows] ** 2)) <= NOISE_REACHED**2 for rows in own)
+
+
 def _solved(design: Array, rows: Array) -> Array:
     return np.asarray(np.linalg.solve(np.eye(design.shape[1]) + design.T @ design, design.T @ rows))
 
@@ -81,10 +90,13 @@ def _solved(design: Array, rows: Array) -> Array:
 def best_map(options: Sequence[tuple[Problem, Fit]], name: str) -> MapFit | None:
     """Return the likeliest map beside one of several explanations, if it predicts rows that are left out.
 
-    Effects and events beside it must bring their usual gains.
+    Effects beside it must bring their usual gain. Events are tried only where a map alone leaves more than noise: a
+    smooth function of what is set explains an edge at a commanded change better than an event does.
     """
     found: list[tuple[float, MapFit]] = []
-    for problem, base in options:
+    for problem, base in sorted(options, key=lambda option: bool(option[0].events)):
+        if problem.events and found and _is_noise(min(found, key=lambda pair: pair[0])[1]):
+            break
         own = fit_map(problem, base, name)
         price = BESIDE_FORM_GAIN * len(base.terms) + EVENT_GAIN * len(problem.events)
         found.append((own.cost + price, own))

@@ -151,6 +151,11 @@ class _Prediction:
         predicted = 2.0 * (2.0 * float(np.trace(gram)) + float(np.sum(gram**2)))
         return math.sqrt(spread_of(self.count) ** 2 + predicted)
 
+    @property
+    def log_determinant(self) -> float:
+        """Logarithm of the determinant of the covariance of noise and prediction, over that of the noise."""
+        return -float(np.linalg.slogdet(self._inner)[1])
+
     def solved(self, columns: Array) -> Array:
         """Return columns times the inverse of the covariance of noise and prediction."""
         return np.asarray(columns - self._spread @ (self._inner @ (self._spread.T @ columns)))
@@ -166,6 +171,12 @@ class _Prediction:
     def judged(self) -> float:
         """Chi-squared by noise and uncertainty of the prediction."""
         return float(self.white @ self.solved(self.white))
+
+
+def predictive_cost(problem: Problem, fit: Fit) -> float:
+    """Return minus twice the log likelihood of unseen recordings, by noise and the uncertainty of a fit to others."""
+    seen = _Prediction(problem, fit)
+    return seen.judged + seen.log_determinant
 
 
 def _validated(

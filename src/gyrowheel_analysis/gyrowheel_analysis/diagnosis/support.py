@@ -11,6 +11,7 @@ from dataclasses import replace
 from gyrowheel_analysis.criteria import WORSE_ELSEWHERE
 from gyrowheel_analysis.diagnosis.events import as_events, unused_events
 from gyrowheel_analysis.diagnosis.explanation import Explanation
+from gyrowheel_analysis.diagnosis.proof import predictive_cost
 from gyrowheel_analysis.diagnosis.selection import survives_cross_validation
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
@@ -47,14 +48,12 @@ def _worst_elsewhere(explanation: Explanation, validate: Sequence[Recording]) ->
 
 
 def _losses(other: Problem, best: Fit, without: dict[Term, Fit]) -> dict[Term, float]:
-    """Return by how much chi-squared of a prediction is larger with a term, for every term."""
+    """Return by how much the prediction of other recordings is less likely with a term, for every term.
 
-    def chi2(fit: Fit) -> float:
-        white = other.noise.whiten(other.measured - other.predict(fit))
-        return float(white @ white)
-
-    now = chi2(best)
-    return {term: now - chi2(fit) for term, fit in without.items()}
+    A prediction that is vague, as the fit does not determine it, does not speak against a term.
+    """
+    now = predictive_cost(other, best)
+    return {term: now - predictive_cost(other, fit) for term, fit in without.items()}
 
 
 def _without(explanation: Explanation, term: Term) -> Explanation:
