@@ -371,7 +371,7 @@ def test_the_first_picture_shows_the_channel_and_the_variable_of_a_hidden_effect
     record_simulation(tmp_path / "runs", bench, hidden, plan)
     session = Session(Library([tmp_path]), gw.Model())
     session.steps = [Step(gw.Model(), gw.compare(tmp_path / "runs", gw.Model()))]
-    session.opened = {"0/runs": SimpleNamespace(role=ROLES[0])}  # type: ignore[dict-item]
+    session.opened = {"0/runs": SimpleNamespace(key="0/runs", role=ROLES[0])}  # type: ignore[dict-item]
     shown = windows.windows(session)
     assert shown is not None
     assert shown["worst"] in channels

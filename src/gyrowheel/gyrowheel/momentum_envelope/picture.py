@@ -36,14 +36,17 @@ def caps_figure(bench: Bench, speeds: Array | None = None) -> Figure:
     Of more than three spin rates, lowest first, the lowest, the middle one and the highest are drawn.
     """
     speeds = _three(bench, speeds)
-    figure = Picture(11.5, 7.4, dots=_DOTS)
+    figure = Picture(11.5, 7.9, dots=_DOTS)
+    title = f"Angular momentum that the wheel reaches, tilt up to {bench.value('tilt_limit') / DEG:.3g}°"
+    figure.text(0.03, 0.965, title, fontsize=16, fontweight="bold", va="center")
     unit, scale = unit_for(bench.value("rotor_inertia_z") * float(speeds[-1]), "N·m·s")
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     heights = bench.value("rotor_inertia_z") * speeds / scale
     wide = float(heights[-1]) * np.sin(bench.value("tilt_limit"))
     left = 0.005 + 0.1625 * (3 - len(speeds))
     for place, (speed, height) in enumerate(zip(speeds, heights, strict=True)):
-        axes: Any = figure.add_axes((left + 0.325 * place, 0.49, 0.32, 0.46), projection="3d")
+        axes: Any = figure.add_axes((left + 0.325 * place, 0.455, 0.32, 0.43), projection="3d")
+        axes.patch.set_visible(False)  # it would cover the label of its neighbour
         x, y, z = np.moveaxis(_cap(bench, speed, turn) / scale, -1, 0)
         axes.plot_surface(x, y, z, cmap="viridis", linewidth=0.2, edgecolor=GROUND, rcount=12, ccount=48)
         tall = 2.0 * wide * _BOX / STRETCH
@@ -52,8 +55,8 @@ def caps_figure(bench: Bench, speeds: Array | None = None) -> Figure:
             f"({'abc'[place]})  {speed / RPM:.0f} rpm: radius {height:.3g} {unit}", y=0.99, loc="center"
         )
     panels = [
-        figure.add_axes((left, 0.085, width, 0.33))
-        for left, width in ((0.07, 0.25), (0.40, 0.25), (0.73, 0.25))
+        figure.add_axes((left, 0.08, width, 0.31))
+        for left, width in ((0.07, 0.245), (0.415, 0.235), (0.74, 0.24))
     ]
     _revolution(panels[0], bench, _middle(speeds), scale, unit)
     _error_panel(panels[1], bench, _middle(speeds))
@@ -177,7 +180,7 @@ def _revolution(axes: Axes, bench: Bench, speed: float, scale: float, unit: str)
     axes.set_xticks([0, 90, 180, 270, 360])
     axes.set_xlabel("angle of the shaft, deg")
     axes.set_ylabel(unit)
-    axes.set_title(f"size within a revolution, {speed / RPM:.0f} rpm")
+    axes.set_title(f"size in a turn, {speed / RPM:.0f} rpm")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.55 * (high - low))
     axes.legend(loc="upper center", ncols=2, fontsize=9, columnspacing=1.0, handlelength=1.4)
@@ -219,9 +222,8 @@ def _paths(axes: Axes, bench: Bench, speed: float, scale: float, unit: str) -> N
     )
     case = k.held_momentum(speed, limit, 0.0, turn, rotor_inertias(bench)) / scale
     axes.plot(motor[:, 0], motor[:, 1], color=_LAST, linewidth=1.8, label="eq (1), motor axes")
-    axes.plot(
-        case[:, 0], case[:, 1], color=_EXACT, linewidth=5.0, solid_capstyle="round", label="exact, case axes"
-    )
+    # dots, as a line may be shorter than a dot of the picture
+    axes.plot(case[:, 0], case[:, 1], "o", color=_EXACT, markersize=5.0, label="exact, case axes")
     axes.plot(0.0, 0.0, "+", color=SOFT)
     size = float(np.abs(motor[:, :2]).max())
     axes.set_xlim(-1.25 * size, 1.25 * size)

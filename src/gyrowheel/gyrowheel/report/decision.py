@@ -101,12 +101,15 @@ def _meaning(report: ReportContent) -> list[str]:
 
 
 def _worst(table: ErrorTable) -> list[str]:
-    """Return the two channels whose error is farthest above noise, of those that have one above it."""
+    """Return the two channels whose error is farthest above noise, of those above it; one of a kind, worst first."""
     names = [
         name for name in LISTED if name in table.before and not table.before.is_noise(name, table.noise_floor)
     ]
     ratio = {n: table.before.rms_of(n) / (table.noise_floor.rms_of(n) or 1.0) for n in names}
-    return sorted(names, key=lambda n: -ratio[n])[:2]
+    worst: dict[str, str] = {}
+    for name in sorted(names, key=lambda n: -ratio[n]):
+        worst.setdefault(LISTED[name].subject, name)
+    return list(worst.values())[:2]
 
 
 def _consequence(report: ReportContent, name: str, size: float) -> list[str]:
