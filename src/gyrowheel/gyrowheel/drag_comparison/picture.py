@@ -32,9 +32,9 @@ _STRAIGHT = 0.1 * DEG  # tilts no further from a line lie on it
 def figure_of_drag(result: DragTest) -> Figure:
     """Draw measured and simulated voltages, 1500 by 1000 dots: a row each for coil x, coil y and motor.
 
-    Left: the notch-filtered voltage over time with the means of the holds. Middle and right: the increments from the
-    reference holds with their standard errors, over tilt and speed, next to those simulated with and without the air of
-    the model.
+    Left: the notch-filtered voltage over time with the means of the holds. Middle: the increments from the reference
+    holds over tilt, next to those simulated with and without the air of the model. Right: the differences over speed,
+    with their standard errors, which are too small to be seen beside the increments.
     """
     figure = Picture(15.0, 10.0)
     every = result.estimates
@@ -55,7 +55,8 @@ def figure_of_drag(result: DragTest) -> Figure:
         over_time.set_ylabel("voltage, V")
         _increments(over_tilt, result, place, tilt, air=air)
         over_tilt.set_ylabel("increment, mV")
-        _increments(over_speed, result, place, speed, air=air)
+        _differences(over_speed, result, place, speed)
+        over_speed.set_ylabel("measured less simulated, mV")
         if np.ptp(speed) < _ONE_SPEED:
             over_speed.set_xlim(speed.mean() - _ONE_SPEED, speed.mean() + _ONE_SPEED)
     for axes, label in zip(grid[2], ("time, s", tilt_label, "spin rate, rpm"), strict=True):
@@ -97,6 +98,16 @@ def _increments(axes: Axes, result: DragTest, place: int, where: Any, *, air: bo
     if air:
         without = simulated - _MILLI * air_increments(result, place)
         axes.plot(where, without, "s", mfc="none", mec=INK, ms=8, label="simulated without air", zorder=2)
+    axes.grid(color=FAINT, linewidth=0.6)
+    axes.margins(x=0.06, y=0.12)
+
+
+def _differences(axes: Axes, result: DragTest, place: int, where: Any) -> None:
+    every = result.estimates
+    left = [float(e.voltage_increment[place] - e.simulated_voltage_increment[place]) for e in every]
+    error = _MILLI * np.array([e.voltage_increment_std[place] for e in every])
+    axes.axhline(0.0, color=ZERO, lw=0.8, zorder=1)
+    axes.errorbar(where, _MILLI * np.array(left), error, fmt="o", color=BLUE, ms=4, capsize=3, lw=1.2)
     axes.grid(color=FAINT, linewidth=0.6)
     axes.margins(x=0.06, y=0.12)
 
