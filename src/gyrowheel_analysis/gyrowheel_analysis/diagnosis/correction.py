@@ -18,7 +18,7 @@ from gyrowheel_analysis.diagnosis.correction_map import (
 )
 from gyrowheel_analysis.diagnosis.explanation import Explanation
 from gyrowheel_analysis.diagnosis.map_choice import CHANNELS, best_map
-from gyrowheel_analysis.diagnosis.map_fit import MapFit
+from gyrowheel_analysis.diagnosis.map_fit import MapFit, fit_map
 from gyrowheel_analysis.diagnosis.proof import prove
 from gyrowheel_analysis.diagnosis.result import Proof
 from gyrowheel_analysis.fitting.events import Event
@@ -68,9 +68,15 @@ def correct(explanation: Explanation, recordings: tuple[str, ...]) -> Corrected 
     gain = explanation.problem.evidence(explanation.best) - found.cost
     if gain < FORM_GAIN:
         return None
-    effect = replace(found.effect, recordings=recordings)
-    result = applied(explanation, _facts(found, effect, gain), found.problem)
-    return None if _worse(result.map.error, result.map.targets) else result
+    result = applied(explanation, _facts(found, recordings, gain), found.problem)
+    if not (worse := _worse(result.map.error, result.map.targets)):
+        return result
+    left = tuple(target for target in result.map.targets if target not in worse)
+    if not left:
+        return None
+    found = fit_map(found.problem, found.base, found.effect.name, left)
+    result = applied(explanation, _facts(found, recordings, gain), found.problem)
+    return None if _worse(result.map.error, left) else result
 
 
 def applied(explanation: Explanation, given: CorrectionMap, problem: Problem | None = None) -> Corrected:
@@ -140,16 +146,25 @@ def _free_name(taken: Container[str]) -> str:
     return next(name for name in names if name not in taken and name not in registry())
 
 
-def _worse(table: ErrorTable, targets: tuple[Target, ...]) -> bool:
-    """Whether the error of a channel that the map acts on is larger with it on recordings that were not used."""
+def _worse(table: ErrorTable, targets: tuple[Target, ...]) -> tuple[Target, ...]:
+    """Return the targets in a channel of which the map makes the error of unused recordings larger, beyond noise."""
     before, after = table.validation_before, table.validation_after
     if before is None or after is None:
-        return False
-    names = [name for target in targets for name in CHANNELS[target] if name in after.channels]
-    return any(after.channels[name].chi2_per_n > max(before.channels[name].chi2_per_n, 1.0) for name in names)
+        return ()
+    return tuple(
+        target
+        for target in targets
+        if any(
+            not after.is_noise(name, after)
+            and after.channels[name].chi2_per_n > before.channels[name].chi2_per_n
+            for name in CHANNELS[target]
+            if name in after.channels
+        )
+    )
 
 
-def _facts(found: MapFit, effect: TorqueMap, gain: float) -> CorrectionMap:
+def _facts(found: MapFit, recordings: tuple[str, ...], gain: float) -> CorrectionMap:
+    effect = replace(found.effect, recordings=recordings)
     nearest, share = _nearest(found)
     return CorrectionMap(
         effect=effect,

@@ -38,22 +38,32 @@ def _worst_elsewhere(explanation: Explanation, validate: Sequence[Recording]) ->
         return None
     other = validation.problem.with_scales(problem.noise.scales)
     without = {t: problem.fit(tuple(own for own in best.terms if own != t), best) for t in best.terms}
-    losses = _losses(other, best, without)
+    form = None if explanation.proposal is None else explanation.proposal.term
+    losses = _losses(other, best, without, form)
     if max(losses.values()) > WORSE_ELSEWHERE:
         # what happened there is no fault of the terms
         events = as_events(unused_events(other, best, validate), [str(r.path) for r in validate])
-        losses = _losses(other.with_events(events), best, without) if events else losses
+        losses = _losses(other.with_events(events), best, without, form) if events else losses
     term = max(losses, key=lambda own: losses[own])
     return term if losses[term] > WORSE_ELSEWHERE else None
 
 
-def _losses(other: Problem, best: Fit, without: dict[Term, Fit]) -> dict[Term, float]:
+def _losses(other: Problem, best: Fit, without: dict[Term, Fit], form: Term | None) -> dict[Term, float]:
     """Return by how much the prediction of other recordings is less likely with a term, for every term.
 
-    A prediction that is vague, as the fit does not determine it, does not speak against a term.
+    A prediction that is vague, as the fit does not determine it, does not speak against an effect. A free form is no
+    physics: it must predict by itself.
     """
-    now = predictive_cost(other, best)
-    return {term: now - predictive_cost(other, fit) for term, fit in without.items()}
+
+    def plain(fit: Fit) -> float:
+        white = other.noise.whiten(other.measured - other.predict(fit))
+        return float(white @ white)
+
+    now, error = predictive_cost(other, best), plain(best)
+    losses = {term: now - predictive_cost(other, fit) for term, fit in without.items()}
+    if form is not None:
+        losses[form] = max(losses[form], error - plain(without[form]))
+    return losses
 
 
 def _without(explanation: Explanation, term: Term) -> Explanation:
