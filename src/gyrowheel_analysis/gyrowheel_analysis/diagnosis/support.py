@@ -13,6 +13,7 @@ from gyrowheel_analysis.diagnosis.events import as_events, unused_events
 from gyrowheel_analysis.diagnosis.explanation import Explanation
 from gyrowheel_analysis.diagnosis.proof import predictive_cost
 from gyrowheel_analysis.diagnosis.selection import survives_cross_validation
+from gyrowheel_analysis.diagnosis.unknown import kind_of
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
@@ -68,8 +69,10 @@ def _losses(other: Problem, best: Fit, without: dict[Term, Fit], form: Term | No
 
 def _without(explanation: Explanation, term: Term) -> Explanation:
     """Return an explanation without one of its terms."""
-    rejected, proposal = (*explanation.rejected, term.name), explanation.proposal
-    if proposal is not None and term != proposal.term:
+    proposal = explanation.proposal
+    is_form = proposal is not None and term == proposal.term
+    rejected = (*explanation.rejected, kind_of(term.name) if is_form else term.name)
+    if proposal is not None and not is_form:
         rest = explanation.problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
         return replace(explanation, proposal=replace(proposal, fit=rest), rejected=rejected)
     chosen = explanation.selection
