@@ -140,6 +140,18 @@ def write(name: str, content: bytes) -> None:
             written.unlink(missing_ok=True)
 
 
+def keep_latest(prefix: str, most: int) -> None:
+    """Remove the oldest entries whose names begin with a prefix, beyond so many."""
+    place = folder()
+    if place is None:
+        return
+    with contextlib.suppress(OSError):
+        own = [entry for entry in os.scandir(place) if entry.name.startswith(prefix)]
+        own.sort(key=lambda entry: entry.stat(follow_symlinks=False).st_mtime)
+        for entry in own[: max(len(own) - most, 0)]:
+            os.unlink(entry.path)
+
+
 def _sweep(place: Path) -> None:
     """Remove entries that killed processes left half-written, long ago."""
     before = time.time() - _OLD

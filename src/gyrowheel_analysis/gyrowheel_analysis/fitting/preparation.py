@@ -15,12 +15,12 @@ from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import unphased
 from gyrowheel_analysis.criteria import FEWEST_WINDOWS, MAP_MARGIN, MAP_WARMER, OTHER_MACHINE
 from gyrowheel_analysis.fitting.fit import Fit, Unknowns
+from gyrowheel_analysis.fitting.kept_windows import reduced
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
-from gyrowheel_analysis.reduction.instrument_readings import ReadingFindings, Shown, look, reading_findings
+from gyrowheel_analysis.reduction.instrument_readings import ReadingFindings, Shown, reading_findings
 from gyrowheel_analysis.reduction.quality import NEEDED
 from gyrowheel_analysis.reduction.samples import Commanded, Samples
-from gyrowheel_analysis.reduction.segmentation import reduce_and_account
 from gyrowheel_analysis.reduction.windows import Coverage, Windows
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError
@@ -250,29 +250,29 @@ def _reduced(
     """
     require_one_bench(recordings, model)
     bench = model.reference_bench
-    reduced, coverages, shown, absent = [], [], [], []
+    every_windows, coverages, shown, absent = [], [], [], []
     for recording in recordings:
         if progress:
             progress(f"reducing {recording.name}")
         samples = samples_of(recording, incomplete=True)
         absent.append(samples.absent | _unphased(recording, bench))
-        windows, coverage = reduce_and_account(samples, bench)
-        _check(windows, bench, str(recording.path))
-        _check_maps(windows, model, str(recording.path))
-        coverages.append(coverage)
-        shown.append(look(samples, windows, bench))
-        reduced.append(windows)
+        own = reduced(recording, samples, bench)
+        _check(own.windows, bench, str(recording.path))
+        _check_maps(own.windows, model, str(recording.path))
+        coverages.append(own.coverage)
+        shown.append(own.shown)
+        every_windows.append(own.windows)
     every = [*shown, *elsewhere]
     balances = [
         Balance(
-            own.weighed(windows, every),
+            looked.weighed(windows, every),
             bench,
             harmonics=harmonics,
             absent=lacks,
             assumed=shares(_assumed(recording), errors),
             phase_error=_phase_error(recording),
         )
-        for recording, own, windows, lacks in zip(recordings, shown, reduced, absent, strict=True)
+        for recording, looked, windows, lacks in zip(recordings, shown, every_windows, absent, strict=True)
     ]
     return balances, Coverage.of(coverages), shown
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -190,6 +191,18 @@ class Recording:
     def origins(self) -> dict[str, Origin]:
         """Origins of the readings that no instrument took, by reading."""
         return origins_in(self.bench_text)
+
+    @cached_property
+    def content(self) -> str:
+        """Digest of everything that an analysis depends on: the same for a copy elsewhere, another after any change."""
+        digest = hashlib.blake2b(digest_size=16)
+        about = (self.part, self.environment, self.bench_text)
+        digest.update(repr(about).encode("utf-8", "surrogatepass"))
+        for rows in (self.measurement, self.command, self.setpoint):
+            digest.update(f"{len(rows)} {rows.dtype}".encode())
+            if len(rows):
+                digest.update(np.ascontiguousarray(rows).view(np.uint8).data)
+        return digest.hexdigest()
 
     @cached_property
     def time(self) -> npt.NDArray[np.float64]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from gyrowheel_core import cache
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.bags.reader import require_rate
 from gyrowheel_recording.mislabelled import Fix, WrongSetup
@@ -37,6 +38,9 @@ from gyrowheel_recording.mislabelled.spin import SPINNING, wrong_spin_columns
 from gyrowheel_recording.mislabelled.tilt import harmonics, wrong_tilt_columns
 from gyrowheel_sim.bench import Bench
 
+#: Entry in the user's cache of recordings whose setup was found right by the same code, and the number of those kept.
+_RIGHT, _MOST = b"right", 1000
+_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_recording")
 #: Pascals in a unit of pressure.
 _PRESSURES = {"hPa": 100.0, "kPa": 1000.0, "bar": 1e5, "mmHg": 133.322, "psi": 6894.76}
 #: Weather and height above the sea move the pressure by less than this part.
@@ -227,6 +231,13 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
     InputError
         If the samples of a recording are too far apart for any judgement.
     """
+    stated = (bench.name, bench.sample_period, *bench.parameters.values())
+    contents = [recording.content for recording in recordings]
+    name = (
+        f"setups_{cache.digest(cache.files_of(*_CODE), np.__version__, str(mixed), repr(stated), *contents)}"
+    )
+    if cache.read(name) == _RIGHT:
+        return []
     found, averaged = [], []
     # the matrices are small: several threads would only wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
@@ -236,6 +247,9 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
             averaged.append(now)
         if not found and len(recordings) > 1 and not mixed:
             found = other_machines(recordings, averaged, bench)
+    if not found:
+        cache.write(name, _RIGHT)
+        cache.keep_latest("setups_", _MOST)
     return found
 
 

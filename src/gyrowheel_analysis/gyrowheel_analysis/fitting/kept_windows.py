@@ -1,0 +1,48 @@
+"""Windows of recordings in the user's cache, so that a second verb on the same recording need not reduce it again.
+
+An entry is found by everything that decides its content: all samples, commands and setpoints, the bench as stated, and
+the code. So it is never out of date; a damaged one is computed again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+from typing import NamedTuple
+
+import numpy as np
+
+from gyrowheel_analysis.reduction.instrument_readings import Shown, look
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import reduce_and_account
+from gyrowheel_analysis.reduction.windows import Coverage, Windows
+from gyrowheel_core import cache
+from gyrowheel_recording.bags import Recording
+from gyrowheel_sim.bench import Bench
+
+_PREFIX = "windows_"
+_MOST = 200  # entries; one of an hour has some megabytes
+_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_recording", "gyrowheel_analysis")
+
+
+class Reduced(NamedTuple):
+    """A reduced recording: its windows, their coverage, and the instruments as its samples show them."""
+
+    windows: Windows
+    coverage: Coverage
+    shown: Shown
+
+
+def reduced(recording: Recording, samples: Samples, bench: Bench) -> Reduced:
+    """Return a reduced recording, from the cache if it was reduced before; `samples` are its columns."""
+    stated = (bench.name, bench.sample_period, bench.spin_loop, bench.gains, *bench.parameters.values())
+    name = _PREFIX + cache.digest(cache.files_of(*_CODE), np.__version__, recording.content, repr(stated))
+    if (kept := cache.read(name)) is not None:
+        # of classes that another version has elsewhere
+        with contextlib.suppress(pickle.UnpicklingError, ImportError, AttributeError, TypeError, EOFError):
+            return Reduced(*pickle.loads(kept))
+    windows, coverage = reduce_and_account(samples, bench)
+    found = Reduced(windows, coverage, look(samples, windows, bench))
+    cache.write(name, pickle.dumps(tuple(found)))
+    cache.keep_latest(_PREFIX, _MOST)
+    return found
