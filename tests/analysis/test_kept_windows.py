@@ -13,6 +13,7 @@ import pytest
 from gyrowheel_analysis.fitting import kept_windows
 from gyrowheel_analysis.fitting.preparation import Prepared, prepare
 from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.reduction import segmentation
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import cache
@@ -41,7 +42,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def reductions(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the numbers of samples of all recordings that are reduced from now on."""
     found: list[int] = []
-    reduce = kept_windows.reduce_and_account
+    reduce = segmentation.reduce_and_account
 
     def counted(samples: Samples, bench: Bench) -> object:
         found.append(len(samples.time))
