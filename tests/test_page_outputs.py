@@ -20,8 +20,8 @@ from tools.page_outputs import (
     unheld,
 )
 
-#: Pages that are quick, or that everybody reads first. `test_examples.py` runs the notebooks.
-ALWAYS = ("docs/start.md", "docs/air.md")
+#: The page that everybody reads first. `test_examples.py` runs the notebooks.
+ALWAYS = ("docs/start.md",)
 
 
 @pytest.mark.slow

@@ -134,17 +134,17 @@ def test_environment_is_taken_from_the_topic(run: Run) -> None:
     model = replace(Model.new(), effects={"gravity_offset": {"G": 6.0e-3}})
     samples, setpoints = serialized(run, 5.0)
 
-    def simulated(*messages: str) -> list[Any]:
+    def simulated(*messages: str, twice: bool = False) -> list[Any]:
         stream = DragStream(model)
         for text in messages:
             stream.take_environment(wire.pack_text(text))
         found = [e for raw in setpoints for e in stream.take_setpoint(raw)]
         found += [e for raw in samples for e in stream.take_measurement(raw)] + stream.finish()
         assert stream.malformed == 0
-        # the environment outlives the run, as on a topic that is latched
-        again = [e for raw in setpoints for e in stream.take_setpoint(raw)]
-        again += [e for raw in samples for e in stream.take_measurement(raw)] + stream.finish()
-        assert told(again) == told(found)
+        if twice:  # the environment outlives the run, as on a topic that is latched
+            again = [e for raw in setpoints for e in stream.take_setpoint(raw)]
+            again += [e for raw in samples for e in stream.take_measurement(raw)] + stream.finish()
+            assert told(again) == told(found)
         return [e.simulated_torque[0] for e in found if e.settled]
 
     home, turned = '[{"time": 0.0}]', '[{"time": 0.0, "rig": "inverted"}]'
@@ -153,7 +153,7 @@ def test_environment_is_taken_from_the_topic(run: Run) -> None:
     upright = np.array(simulated(home))
     assert len(upright) == 3
     assert simulated() == list(upright)
-    assert simulated(turned) - upright == pytest.approx(weight, abs=1e-5)
+    assert simulated(turned, twice=True) - upright == pytest.approx(weight, abs=1e-5)
     # a later message replaces what was planned from its first event on
     assert simulated(turned, home) == list(upright)
     assert simulated(home, later) - upright == pytest.approx([0.0, 0.0, weight[2]], abs=1e-5)

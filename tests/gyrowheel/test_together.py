@@ -18,6 +18,7 @@ _COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
 
 @pytest.mark.slow
+@pytest.mark.study  # five writers of one model, in `test_killed.py`, are part of every run
 def test_every_addition_is_in_the_model(wheel: Wheel, tmp_path: Path) -> None:
     """Three `model add` at once: each effect is in the file, and nothing else is left beside it."""
     model = tmp_path / "model.yaml"

@@ -62,7 +62,11 @@ def asked(run: gw.Recording) -> Iterator[tuple[str, Callable[[], Any]]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "absent",
-    [COILS, COILS[:1], MOTOR, pytest.param((*COILS, "motor_current"), marks=pytest.mark.study)],
+    [
+        COILS,
+        MOTOR,
+        *(pytest.param(own, marks=pytest.mark.study) for own in (COILS[:1], (*COILS, "motor_current"))),
+    ],
     ids="+".join,
 )
 def test_every_verb_answers_or_refuses_where_columns_are_missing(
@@ -165,16 +169,15 @@ def test_a_recording_of_a_few_samples_a_second_is_refused(run: gw.Recording) -> 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize("name", MOTOR)
-def test_absurd_readings_cause_no_traceback(run: gw.Recording, name: str) -> None:
+@pytest.mark.parametrize(("name", "factor"), [("motor_voltage", 1e6), ("motor_current", 1e4)])
+def test_absurd_readings_cause_no_traceback(run: gw.Recording, name: str, factor: float) -> None:
     """Where numbers overflow in the fit, it stays where it is, or says so."""
-    for factor in (1e4, 1e6):
-        odd = changed(run, **{name: run.data.measurement[name] * factor})
-        try:
-            found = gw.compare(odd, gw.Model("gyrowheel")).to_dict()
-        except InputError:
-            continue
-        assert json_text(found)
+    odd = changed(run, **{name: run.data.measurement[name] * factor})
+    try:
+        found = gw.compare(odd, gw.Model("gyrowheel")).to_dict()
+    except InputError:
+        return
+    assert json_text(found)
 
 
 def test_negative_gauge_pressure_and_celsius_are_readings(run: gw.Recording, tmp_path: Path) -> None:
