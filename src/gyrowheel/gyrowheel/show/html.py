@@ -122,17 +122,24 @@ class Cells:
         return text + _label(shown)
 
     def interval(self, place: str, unit: str, *, pure: bool = False) -> Markup:
-        """Return the interval in which a coefficient lies in 95 of 100 cases, as far as its error is normal."""
-        value, error = (self.at(f"{place}.{key}") for key in ("value", "standard_error"))
-        shown = unit_for(max(abs(value), abs(error)), unit, pure=pure)
-        # as many digits as the value has in front of its error
-        digits = len(pair(value / shown.size, error / shown.size).partition(" ± ")[0].partition(".")[2])
-        ends = [
-            _data(f"{place}.value", end, shown, decimal(end / shown.size, digits), sigma)
-            for sigma in (-INTERVAL, INTERVAL)
-            for end in (value + sigma * error,)
-        ]
-        return ends[0] + Markup(" … ") + ends[1] + _label(shown)
+        """Return the 95 % interval of a coefficient: from all uncertainties, or its standard error if not fitted."""
+        given = self.at(place)
+        if (ends := given.get("interval")) is not None:
+            shown = unit_for(max(map(abs, ends)), unit, pure=pure)
+            error = 0.5 * (ends[1] - ends[0]) / shown.size
+            texts = [pair(end / shown.size, error).partition(" ± ")[0] for end in ends]
+            data = [_data(f"{place}.interval.{k}", end, shown, texts[k]) for k, end in enumerate(ends)]
+        else:
+            value, error = given["value"], given["standard_error"]
+            shown = unit_for(max(abs(value), abs(error)), unit, pure=pure)
+            # as many digits as the value has in front of its error
+            digits = len(pair(value / shown.size, error / shown.size).partition(" ± ")[0].partition(".")[2])
+            data = [
+                _data(f"{place}.value", end, shown, decimal(end / shown.size, digits), sigma)
+                for sigma in (-INTERVAL, INTERVAL)
+                for end in (value + sigma * error,)
+            ]
+        return data[0] + Markup(" … ") + data[1] + _label(shown)
 
 
 def declared(value: float, unit: Unit) -> Markup:
