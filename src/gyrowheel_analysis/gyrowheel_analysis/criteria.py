@@ -75,6 +75,10 @@ DRIFT_OR_MAP: Final = 2.0
 #: Gain of an event beyond the largest one by chance among all times. Lower invents events in quiet recordings,
 #: higher lets real ones pass for effects.
 EVENT_GAIN: Final = 12.0
+#: Excess of chi-squared, in its standard deviations, that is left next to events beyond which they are not believed:
+#: where that much stays unexplained, a law that is missing looks like steps and bursts. Lower drops events next to a
+#: missing law that is small, higher reports events for a large one.
+EVENT_LACK: Final = 20.0
 #: Gain by which a quantity, kind or time must be better than a simpler one.
 EVENT_SIMPLER: Final = 6.0
 #: Gain within which another quantity explains an event as well; the same odds as `TIE_LOSS`.

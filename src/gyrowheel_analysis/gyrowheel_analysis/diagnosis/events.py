@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import (
     EVENT_GAIN,
+    EVENT_LACK,
     EVENT_NEAR,
     EVENT_SAME,
     EVENT_SEARCH,
@@ -21,6 +22,7 @@ from gyrowheel_analysis.criteria import (
 )
 from gyrowheel_analysis.diagnosis.event_scan import Candidate, scan
 from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
@@ -107,7 +109,7 @@ def explain(
     """Search for events, and for effects or a free form given these events.
 
     Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
-    form do without events. `problem` and `selection` are without events.
+    form do without events, and leave little unexplained. `problem` and `selection` are without events.
     """
     found = find(problem, selection.best, recordings)
     without = Outcome(problem, selection, search(problem, selection, progress=progress), [])
@@ -129,7 +131,7 @@ def explain(
         if _same(found, again):
             break
         found = again
-    if best.evidence > without.evidence:
+    if best.evidence > without.evidence or lack_of_fit(best.problem, best.fit) > EVENT_LACK:
         return without
     # so that the shown residual is free of events
     cleared = best.problem.without_events(best.fit)
@@ -226,10 +228,15 @@ def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found
 
 
 def unused_events(validation: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:
-    """Return the events in recordings on which nothing was fitted, given a fit to others; their rows are unchanged."""
+    """Return the events in recordings on which nothing was fitted, given a fit to others; their rows are unchanged.
+
+    There are none where much stays unexplained next to them.
+    """
     own = validation.fit(fit.terms)
     found = find(validation, own, recordings)
     beside = validation.with_events(all_of(found))
+    if found and lack_of_fit(beside, beside.fit(fit.terms)) > EVENT_LACK:
+        return []
     return with_sizes(beside, own, found, [str(recording.path) for recording in recordings])
 
 
