@@ -105,15 +105,13 @@ class RippleResponse:
         wanted: Any,
         torques: Callable[[Any], Instants],
         near: Instants | None = None,
-        begin: Instants | None = None,
     ) -> Instants:
         """Return the state whose motor torque has the amplitudes `wanted` (n, harmonics, nodes) [N m].
 
-        `torques` gives the state for a ripple. The search begins at `ripple`, at that of the state `begin`, or at the
-        state `near`: that is only the step of a derivative away, and its ripple suffices.
+        `torques` gives the state for a ripple. The search begins at `ripple`, or at the state `near`: that is only the
+        step of a derivative away, and its ripple suffices.
         """
-        first = near or begin
-        ripple = first.ripple if first is not None and np.isfinite(first.ripple).all() else self.ripple
+        ripple = self.ripple if near is None else near.ripple
         for _ in range(_REPETITIONS):
             at = torques(ripple)
             parts = self._missing(at.motor, wanted)
@@ -324,20 +322,18 @@ class Balance:
         values: Mapping[str, float],
         effects: Sequence[ActiveEffect],
         near: Instants | None = None,
-        begin: Instants | None = None,
     ) -> Instants:
         """Return the state of the balance for bench parameters [SI] and effects.
 
-        The search for the ripple of the spin rate begins at that of a state `begin`, by default of the first state: for
-        a clean balance the bench as stated. `near` is a state from which this one is only the step of a derivative
-        away.
+        The search for the ripple of the spin rate begins at that of the first state: for a clean balance the bench as
+        stated. `near` is a state from which this one is only the step of a derivative away.
         """
         if self._response is None:
             clean = self._uncleaned is not None
             first = self._needs(self.bench.values(), []) if clean else self._needs(values, effects)
             self._response = RippleResponse.about(first[0], self.bench.axial_inertia, *first[1:])
         _, wanted, torques = self._needs(values, effects)
-        return self._response.solved(wanted, torques, near, begin)
+        return self._response.solved(wanted, torques, near)
 
     def _needs(
         self, values: Mapping[str, float], effects: Sequence[ActiveEffect]

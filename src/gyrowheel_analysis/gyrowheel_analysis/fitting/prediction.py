@@ -140,13 +140,8 @@ class Prediction:
             self._states.move_to_end(key)
         else:
             values, effects = self.unknowns.values(point), self.unknowns.effects(point)
-            # the last state is mostly a neighbour
-            begin: Sequence[Instants | None] = (
-                next(reversed(self._states.values()))[1] if self._states else [None] * len(self.balances)
-            )
-            instants = [
-                b.instants(values, effects, begin=at) for b, at in zip(self.balances, begin, strict=True)
-            ]
+            # each from the same beginning: what a point predicts must not depend on the points before it
+            instants = [b.instants(values, effects) for b in self.balances]
             rows = np.concatenate(
                 [b.rows_at(at, values) for b, at in zip(self.balances, instants, strict=True)]
             )
