@@ -60,7 +60,7 @@ def add_map(
     name = own.effect.name
     events = (
         []
-        if validate == () or found.prepared.validation is None
+        if found.prepared.validation is None
         else unused_events(found.prepared.validation.problem, after, validate)
     )
     coefficients = {

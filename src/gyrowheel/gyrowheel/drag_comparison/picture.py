@@ -34,7 +34,7 @@ def figure_of_drag(result: DragTest) -> Figure:
 
     Left: the notch-filtered voltage over time with the means of the holds. Middle: the increments from the reference
     holds over tilt, next to those simulated with and without the air of the model. Right: the differences over speed,
-    with their standard errors, which are too small to be seen beside the increments.
+    with their standard errors, which are too small to be seen next to the increments.
     """
     figure = Picture(15.0, 10.0)
     every = result.estimates

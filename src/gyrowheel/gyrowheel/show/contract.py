@@ -154,7 +154,7 @@ def map_json(found: CorrectionMap) -> dict[str, Any]:
             name: {"value": value, "standard_error": found.errors[name], "unit": "N*m"}
             for name, value in found.values.items()
         },
-        "beside": {name: dict(values) for name, values in found.beside.items()},
+        "effects": {name: dict(values) for name, values in found.effects.items()},
         **_picked(found, "gain orthogonal nearest nearest_share"),
         "dependence": [asdict(item) for item in found.dependence],
         "leading": [asdict(item) | {"powers": list(item.powers)} for item in found.leading],

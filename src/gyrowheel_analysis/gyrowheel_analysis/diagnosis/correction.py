@@ -51,7 +51,7 @@ class Corrected:
 def correct(explanation: Explanation, recordings: tuple[str, ...]) -> Corrected | None:
     """Return the map of what an explanation leaves open; None where it would not predict data that were left out.
 
-    It stands beside the effects that were found or replaces them, with the events or without, whichever is likelier.
+    It is fitted with and without the effects that were found, and with and without the events: the likeliest is taken.
     """
     fitted, weighed = explanation.problem, explanation.weighed.problem
     chosen = explanation.selection.best
@@ -65,18 +65,24 @@ def correct(explanation: Explanation, recordings: tuple[str, ...]) -> Corrected 
     found = best_map(options, _free_name(explanation.problem.unknowns.known))
     if found is None:
         return None
-    gain = explanation.problem.evidence(explanation.best) - found.cost
-    if gain < FORM_GAIN:
+    if (result := _gaining(explanation, found, recordings)) is None:
         return None
-    result = applied(explanation, _facts(found, recordings, gain), found.problem)
     if not (worse := _worse(result.map.error, result.map.targets)):
         return result
     left = tuple(target for target in result.map.targets if target not in worse)
     if not left:
         return None
     found = fit_map(found.problem, found.base, found.effect.name, left)
-    result = applied(explanation, _facts(found, recordings, gain), found.problem)
-    return None if _worse(result.map.error, left) else result
+    result = _gaining(explanation, found, recordings)
+    return None if result is None or _worse(result.map.error, left) else result
+
+
+def _gaining(explanation: Explanation, found: MapFit, recordings: tuple[str, ...]) -> Corrected | None:
+    """Return the recordings with a map; None if it does not make them likelier than what was found without it."""
+    gain = explanation.problem.evidence(explanation.best) - found.cost
+    if gain < FORM_GAIN:
+        return None
+    return applied(explanation, _facts(found, recordings, gain), found.problem)
 
 
 def applied(explanation: Explanation, given: CorrectionMap, problem: Problem | None = None) -> Corrected:
@@ -91,12 +97,12 @@ def applied(explanation: Explanation, given: CorrectionMap, problem: Problem | N
     if fitted.validation is not None:
         other = fitted.validation.problem.with_scales(known.noise.scales).for_unknowns(unknowns)
         prepared = replace(prepared, validation=replace(fitted.validation, problem=other))
-    terms = tuple(unknowns.term(name) for name in given.beside)
+    terms = tuple(unknowns.term(name) for name in given.effects)
     after = prepared.problem.refined(prepared.problem.fit(terms))
     before = explanation.before
     errors = errors_of(before, after, prepared, replace(fitted, problem=known))
-    beside = {name: dict(after.coefficients[name]) for name in given.beside}
-    return Corrected(replace(given, beside=beside, error=errors.table), prepared, before, after, errors)
+    effects = {name: dict(after.coefficients[name]) for name in given.effects}
+    return Corrected(replace(given, effects=effects, error=errors.table), prepared, before, after, errors)
 
 
 def proof_of(found: Corrected, events: Sequence[Event]) -> Proof:
@@ -170,7 +176,7 @@ def _facts(found: MapFit, recordings: tuple[str, ...], gain: float) -> Correctio
         effect=effect,
         values=found.values,
         errors=found.errors,
-        beside={term.name: dict(found.base.coefficients[term.name]) for term in found.base.terms},
+        effects={term.name: dict(found.base.coefficients[term.name]) for term in found.base.terms},
         gain=gain,
         orthogonal=found.held,
         dependence=_dependence(found, effect),
@@ -263,7 +269,7 @@ def _leading(found: MapFit, effect: TorqueMap) -> tuple[LeadingTerm, ...]:
 
 
 def _nearest(found: MapFit) -> tuple[str, float]:
-    """Return the known effect that explains most of the rows of a map, beside the bench, and its share of them."""
+    """Return the known effect that explains most of the rows of a map, given the bench, and its share of them."""
     problem = found.problem
     plain = found.design[:, : found.others]
     response = found.response

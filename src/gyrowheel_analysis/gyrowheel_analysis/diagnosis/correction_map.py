@@ -42,7 +42,7 @@ class CorrectionMap:
         The map as an effect, for `Model.add`; its range and the errors of its coefficients are in it.
     values, errors : dict of str to float
         Its coefficients and their standard errors [N m].
-    beside : dict of str to dict
+    effects : dict of str to dict
         Coefficients of the effects that were found and belong to it: they are added with it.
     gain : float
         Increase of twice the log likelihood of the recordings against everything else that was found.
@@ -64,7 +64,7 @@ class CorrectionMap:
     effect: TorqueMap
     values: Mapping[str, float]
     errors: Mapping[str, float]
-    beside: Mapping[str, Mapping[str, float]]
+    effects: Mapping[str, Mapping[str, float]]
     gain: float
     orthogonal: bool
     dependence: tuple[Dependence, ...]

@@ -1,4 +1,4 @@
-"""Which map to offer: beside which explanation, and only torques that predict data that were left out."""
+"""Which map to offer: with which explanation, and only torques that predict data that were left out."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CHANNELS: Mapping[Target, tuple[str, ...]] = {
 }
 
 
-def supported(found: MapFit) -> tuple[Target, ...]:
+def predicting(found: MapFit) -> tuple[Target, ...]:
     """Return the targets whose torque predicts rows that are left out better than nothing does.
 
     Speeds, directions, times and recordings are left out in turn. A speed at an end of the range is not: a map refuses
@@ -88,9 +88,9 @@ def _solved(design: Array, rows: Array) -> Array:
 
 
 def best_map(options: Sequence[tuple[Problem, Fit]], name: str) -> MapFit | None:
-    """Return the likeliest map beside one of several explanations, if it predicts rows that are left out.
+    """Return the likeliest map with one of several explanations, if it predicts rows that are left out.
 
-    Effects beside it must bring their usual gain. Events are tried only where a map alone leaves more than noise: a
+    Effects next to it must bring their usual gain. Events are tried only where a map alone leaves more than noise: a
     smooth function of what is set explains an edge at a commanded change better than an event does.
     """
     found: list[tuple[float, MapFit]] = []
@@ -101,11 +101,11 @@ def best_map(options: Sequence[tuple[Problem, Fit]], name: str) -> MapFit | None
         price = BESIDE_FORM_GAIN * len(base.terms) + EVENT_GAIN * len(problem.events)
         found.append((own.cost + price, own))
     _, best = min(found, key=lambda pair: pair[0])
-    targets = supported(best)
+    targets = predicting(best)
     if not targets:
         return None
     if len(targets) < len(TARGETS):
         best = fit_map(best.problem, best.base, name, targets)
-        if supported(best) != targets:
+        if predicting(best) != targets:
             return None
     return best
