@@ -345,8 +345,8 @@ def test_the_first_picture_is_of_the_worst_channel_over_the_variable_that_tells_
             assert windows.worst_place(replace(data, parts=parts)) == (channel, variable)
 
 
-#: Hidden effects of recordings of plan quick: seed, channels that the law acts on, variables that are in it. Two further
-#: ones were tried: gravity_offset is not visible at 0.01, and stiffness_anisotropy is shown in its channel over speed.
+#: Hidden effects of recordings of plan quick: seed, channels that the law acts on, variables that are in it. Two more
+#: were tried: gravity_offset is not visible at 0.01, and stiffness_anisotropy is shown in its channel over speed.
 HIDDEN = {
     "windage": (11, ("spin", "motor_voltage"), ("speed",)),
     "bearing_viscous": (12, ("spin", "motor_voltage"), ("speed",)),
