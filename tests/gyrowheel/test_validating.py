@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gyrowheel as gw
 from gyrowheel_core import wire
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
@@ -60,3 +61,14 @@ def test_nan_readings_do_not_stop_the_analysis(gyrowheel: Shell, wheel: Wheel, t
         assert result.code == code, result.err
         assert "Warning" not in result.err
     assert f"{tmp_path / name}: {name}: no reading is a number; " in result.err
+
+
+@pytest.mark.slow
+def test_a_large_unknown_law_in_the_validation_is_reported_as_such_and_not_as_events() -> None:
+    """Steps and bursts describe a part of it, and leave far more than noise."""
+    law = gw.own_effect("k*tanh(20*abs(z))*cos(3*r)*cos(40*re(z))", target="axial_torque", name="odd")
+    fitted, unused = gw.simulate("quick", machine=3), gw.simulate("check", effects=[law], machine=3, seed=4)
+    found = gw.diagnose(fitted, gw.Model(), validate=unused, mixed=True).to_dict()
+    assert found["events"] == []
+    assert found["verdict"] == "unknown"
+    assert found["proof"]["proven"] is False
