@@ -135,8 +135,7 @@ def add_effect(
     prepared = replace(prepared, problem=problem)
     before, after = _before(model, explanation.problem, air), problem.refined(problem.fit(terms))
     events = with_sizes(problem, after, happened, [str(r.path) for r in fit])
-    if prepared.validation is not None:
-        events += unused_events(prepared.validation.problem, after, validate)
+    events += unused_events(prepared.validation, after, validate)
     errors = errors_of(before, after, prepared, explanation.fitted)
     coefficients = {term.name: estimates(problem, term, after) for term in terms}
     doubts = doubts_of(problem, after, terms, air)

@@ -58,11 +58,7 @@ def add_map(
         )
     own, problem, after = found.map, found.prepared.problem, found.after
     name = own.effect.name
-    events = (
-        []
-        if found.prepared.validation is None
-        else unused_events(found.prepared.validation.problem, after, validate)
-    )
+    events = unused_events(found.prepared.validation, after, validate)
     coefficients = {
         name: {
             c.name: Estimate(own.values[c.name], own.errors[c.name], c.unit) for c in own.effect.coefficients

@@ -147,8 +147,7 @@ def _judged(
     data = window_residuals(problem.balances, windows, before.residual, problem.noise)
     events = with_sizes(problem, best, explanation.happened, paths)
     shapes = drift_shapes(problem, best, explanation.happened, paths)
-    if fitted.validation is not None:
-        events += unused_events(fitted.validation.problem, best, validate)
+    events += unused_events(fitted.validation, best, validate)
     planner = Planner(problem, best)
     missing = [_beside(problem, proposal, t) for t in proposal.kept] if proposal else selection.findings
     findings = [_report(fitted, f, best, planner) for f in missing]
@@ -213,11 +212,7 @@ def _with_map(found: Diagnosis, corrected: Corrected, validate: Sequence[Recordi
     """Return a diagnosis with the map in place of all that describes the recordings worse."""
     problem, best, own = corrected.prepared.problem, corrected.after, corrected.map
     kept = {t.name: t for t in best.terms}
-    unused = (
-        []
-        if corrected.prepared.validation is None
-        else unused_events(corrected.prepared.validation.problem, best, validate)
-    )
+    unused = unused_events(corrected.prepared.validation, best, validate)
     paths = [str(recording.path) for recording in validate]
     return replace(
         found,

@@ -36,7 +36,7 @@ from gyrowheel_analysis.fitting.events import (
     temperature,
 )
 from gyrowheel_analysis.fitting.fit import Fit, Term
-from gyrowheel_analysis.fitting.preparation import samples_of
+from gyrowheel_analysis.fitting.preparation import Prepared, samples_of
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.onset import onset
 from gyrowheel_analysis.reduction.quality import readable
@@ -227,14 +227,16 @@ def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found
     return beside.without_events(beside.fit(terms))
 
 
-def unused_events(validation: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:
+def unused_events(validation: Prepared | None, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:
     """Return the events in recordings on which nothing was fitted, given a fit to others; their rows are unchanged.
 
-    There are none where much stays unexplained next to them.
+    There are none without such recordings, and where much stays unexplained next to them.
     """
-    own = validation.fit(fit.terms)
-    found = find(validation, own, recordings)
-    beside = validation.with_events(all_of(found))
+    if validation is None:
+        return []
+    own = validation.problem.fit(fit.terms)
+    found = find(validation.problem, own, recordings)
+    beside = validation.problem.with_events(all_of(found))
     if found and lack_of_fit(beside, beside.fit(fit.terms)) > EVENT_LACK:
         return []
     return with_sizes(beside, own, found, [str(recording.path) for recording in recordings])

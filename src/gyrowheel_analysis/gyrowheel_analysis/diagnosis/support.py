@@ -43,7 +43,9 @@ def _worst_elsewhere(explanation: Explanation, validate: Sequence[Recording]) ->
     losses = _losses(other, best, without, form)
     if max(losses.values()) > WORSE_ELSEWHERE:
         # what happened there is no fault of the terms
-        events = as_events(unused_events(other, best, validate), [str(r.path) for r in validate])
+        events = as_events(
+            unused_events(replace(validation, problem=other), best, validate), [str(r.path) for r in validate]
+        )
         losses = _losses(other.with_events(events), best, without, form) if events else losses
     term = max(losses, key=lambda own: losses[own])
     return term if losses[term] > WORSE_ELSEWHERE else None
