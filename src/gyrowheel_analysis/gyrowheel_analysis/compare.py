@@ -14,7 +14,7 @@ from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.criteria import FAILING_CHI2
 from gyrowheel_analysis.diagnosis.diagnose import misstated
 from gyrowheel_analysis.diagnosis.events import with_sizes
-from gyrowheel_analysis.diagnosis.explanation import explained
+from gyrowheel_analysis.diagnosis.explanation import explained, unexplained
 from gyrowheel_analysis.diagnosis.result import DatedEvent, Misstated
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
@@ -152,7 +152,13 @@ class Comparison:
 
 
 @one_thread()
-def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress | None = None) -> Comparison:
+def compare(
+    recordings: Sequence[Recording],
+    model: Model,
+    *,
+    explain: bool = True,
+    progress: Progress | None = None,
+) -> Comparison:
     """Compare a model with recordings.
 
     The noise is that of the recordings once everything is explained that a diagnosis finds: else a law that the model
@@ -160,13 +166,15 @@ def compare(recordings: Sequence[Recording], model: Model, *, progress: Progress
     parameters are estimated within their stated uncertainties, so that the remainder is the part that the model cannot
     explain; `Comparison.raw_rms` has the error of the model in its file.
 
+    Without `explain` nothing else is searched for, and the noise is as stated: for recordings whose setup is wrong.
+
     Raises
     ------
     InputError
         If a recording has too little steady motion to compare anything.
     """
     first = prepare(recordings, model, progress=progress)
-    explanation = explained(first, recordings, progress)
+    explanation = explained(first, recordings, progress) if explain else unexplained(first)
     prepared, problem, fit = explanation.fitted, explanation.problem, explanation.before
     data = residual_data(prepared, fit)
     errors = errors_of(fit, fit, prepared)

@@ -118,7 +118,7 @@ def compare(
     given = of_one_machine(recordings, mixed=mixed)
     wrong = wrong_setups(given, model.details, mixed=mixed)
     with explained_by(wrong):
-        found = facts.compare(data(given), model.details, progress=progress)
+        found = facts.compare(data(given), model.details, explain=not wrong, progress=progress)
     channels, raw = MappingProxyType(found.channels), MappingProxyType(found.raw_rms)
     return Comparison.of(replace(found, channels=channels, raw_rms=raw), setup=tuple(wrong))
 

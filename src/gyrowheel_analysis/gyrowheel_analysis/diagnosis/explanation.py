@@ -50,6 +50,12 @@ class Explanation:
         return self.problem.fit_within() if missing else self.best
 
 
+def unexplained(first: Prepared) -> Explanation:
+    """Return prepared recordings with nothing that explains them: the noise is as prepared."""
+    plain = first.problem.fit(())
+    return Explanation(first, first, Selection(first.problem, plain, plain, (), 1.0), None, [])
+
+
 def explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
     """Return the explanation of prepared recordings, with the noise that it leaves."""
     selection = select(first.problem, progress=progress)
