@@ -54,8 +54,8 @@ class Departure:
 
 
 @dataclass(frozen=True)
-class Course:
-    """A quantity over time.
+class Series:
+    """Values of a quantity over time.
 
     Attributes
     ----------
@@ -69,6 +69,23 @@ class Course:
         Machine and recording of each value.
     value, standard_error : ndarray (n,)
         Values with the standard errors that their fits state [SI].
+    """
+
+    name: str
+    over: Over
+    time: Array
+    machines: tuple[str, ...]
+    recordings: tuple[str, ...]
+    value: Array
+    standard_error: Array
+
+
+@dataclass(frozen=True)
+class Course(Series):
+    """A series with its control limits.
+
+    Attributes
+    ----------
     centre : float
         Weighted mean.
     deviation : ndarray (n,)
@@ -79,13 +96,6 @@ class Course:
         How it left its limits; None if it did not.
     """
 
-    name: str
-    over: Over
-    time: Array
-    machines: tuple[str, ...]
-    recordings: tuple[str, ...]
-    value: Array
-    standard_error: Array
     centre: float
     deviation: Array
     limit: float
@@ -114,19 +124,6 @@ class Trend:
         return tuple(course for course in self.courses if course.departure is not None)
 
 
-@dataclass(frozen=True)
-class _Series:
-    """Values in the order of time before they are judged."""
-
-    name: str
-    over: Over
-    time: Array
-    machines: tuple[str, ...]
-    recordings: tuple[str, ...]
-    value: Array
-    error: Array
-
-
 def trend(rows: Sequence[Mapping[str, Any]]) -> Trend:
     """Return every quantity of a table over time, with control limits.
 
@@ -140,18 +137,14 @@ def trend(rows: Sequence[Mapping[str, Any]]) -> Trend:
     names = dict.fromkeys(
         name.removesuffix(".error") for row in dated for name in row if name.endswith(".error")
     )
-    found: list[_Series] = []
-    few = []
-    for name in names:
-        own = [row for row in dated if _known(row, name)]
-        series = list(_series(name, own))
-        found += series
-        if not series:
-            few.append(name)
+    found = [
+        series for name in names for series in _series(name, [row for row in dated if _known(row, name)])
+    ]
+    few = names.keys() - {series.name for series in found}
     courses = [_judged(series, tests=len(found)) for series in found]
     order = {course.name: k for k, course in reversed(list(enumerate(courses)))}
     courses.sort(key=lambda c: (c.departure is None, c.departure.chance if c.departure else order[c.name]))
-    return Trend(tuple(courses), tuple(few))
+    return Trend(tuple(courses), tuple(name for name in names if name in few))
 
 
 def _known(row: Mapping[str, Any], name: str) -> bool:
@@ -161,7 +154,7 @@ def _known(row: Mapping[str, Any], name: str) -> bool:
     return math.isfinite(value) and math.isfinite(error) and error > 0.0
 
 
-def _series(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[_Series]:
+def _series(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[Series]:
     """Yield a quantity over the machines, and over the recordings of each, where there are enough."""
     value, error, time = (
         np.array([float(row[column]) for row in rows]) for column in (name, f"{name}.error", "start")
@@ -174,25 +167,24 @@ def _series(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[_Series]:
     means = {m: float(np.average(value[at], weights=error[at] ** -2)) for m, at in places.items()}
     if len(places) >= TREND_FEWEST:
         first = [at[0] for at in places.values()]
-        yield _Series(
+        yield Series(
             name, "machines", time[first], tuple(places), tuple(recordings[k] for k in first),
             np.array(list(means.values())), np.array([np.sum(error[at] ** -2) ** -0.5 for at in places.values()]),
         )  # fmt: skip
     if len(rows) - len(places) >= TREND_FEWEST:
         together = float(np.average(value, weights=error**-2))
         within = value - np.array([means[m] for m in machines]) + together
-        several = np.array([len(places[m]) > 1 for m in machines])
-        kept = [k for k, there in enumerate(several) if there]
-        yield _Series(
+        kept = [k for k, machine in enumerate(machines) if len(places[machine]) > 1]
+        yield Series(
             name, "recordings", time[kept], tuple(machines[k] for k in kept),
             tuple(recordings[k] for k in kept), within[kept], error[kept],
         )  # fmt: skip
 
 
-def _judged(series: _Series, tests: int) -> Course:
+def _judged(series: Series, tests: int) -> Course:
     """Return a series with its limits; `tests` is the number of series that are judged."""
     value, n = series.value, len(series.value)
-    deviation = _usual(value, series.error)
+    deviation = _usual(value, series.standard_error)
     degrees = max((n - 1) / _PER_DEGREE, 2.0)
     weight = deviation**-2
     centre = float(np.average(value, weights=weight))
@@ -200,17 +192,14 @@ def _judged(series: _Series, tests: int) -> Course:
     places = 2.0 * n * tests
     limit = float(-stdtrit(degrees, 0.5 * TREND_CHANCE / places))
     candidates = [_outlier(value, deviation), _step(value, weight), _drift(series.time, value, weight)]
-    kind, first, size, error = max(candidates, key=lambda own: abs(own[2]) / own[3])
+    kind, first, size, error = max(candidates, key=lambda candidate: abs(candidate[2]) / candidate[3])
     chance = min(2.0 * float(stdtr(degrees, -abs(size) / error)) * places, 1.0)
     departure = None
     if abs(size) > limit * error:
         if kind == "drift":
             first = _left(value, deviation, limit)
         departure = Departure(kind, first, size, error, chance)
-    return Course(
-        series.name, series.over, series.time, series.machines, series.recordings, value, series.error, centre,
-        deviation, limit, departure,
-    )  # fmt: skip
+    return Course(**vars(series), centre=centre, deviation=deviation, limit=limit, departure=departure)
 
 
 def _usual(value: Array, error: Array) -> Array:

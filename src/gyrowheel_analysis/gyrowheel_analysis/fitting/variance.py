@@ -8,7 +8,7 @@ innovations over their standard deviations are the rows divided by the square ro
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,22 +77,20 @@ class DriftCovariance:
         For rows ordered by time that root is the lower Cholesky factor. Other rows are processed in the order of time,
         and each result is put in the place of its row.
         """
-        gain, deviation = self._filter(scale)
-        shape = np.shape(rows)
-        flat = np.ascontiguousarray(rows, dtype=np.float64).reshape(len(self), math.prod(shape[1:]))
-        out = np.empty_like(flat)
-        order = np.arange(len(self)) if self._order is None else self._order
-        _innovations(flat, order, self._fading, gain, deviation, out)
-        return out.reshape(shape)
+        return self._passed(_innovations, rows, scale)
 
     def whiten_back(self, rows: Array, scale: float) -> Array:
         """Return rows (n, ...) times the transpose of the matrix by which `whiten` multiplies."""
+        return self._passed(_innovations_back, rows, scale)
+
+    def _passed(self, recursion: Callable[..., None], rows: Array, scale: float) -> Array:
+        """Return rows (n, ...) after one of the two recursions over the windows in the order of time."""
         gain, deviation = self._filter(scale)
         shape = np.shape(rows)
         flat = np.ascontiguousarray(rows, dtype=np.float64).reshape(len(self), math.prod(shape[1:]))
         out = np.empty_like(flat)
         order = np.arange(len(self)) if self._order is None else self._order
-        _innovations_back(flat, order, self._fading, gain, deviation, out)
+        recursion(flat, order, self._fading, gain, deviation, out)
         return out.reshape(shape)
 
     def of_steps(
