@@ -9,7 +9,7 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.show.sentences.proof import left_sentences
-from gyrowheel_analysis.diagnosis.result import ChannelCheck, Proof
+from gyrowheel_analysis.diagnosis.proof_result import ChannelCheck, Proof
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import RPM
 

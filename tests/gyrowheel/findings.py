@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 
 from gyrowheel.campaigns.judge import Judged
-from gyrowheel_analysis.diagnosis.result import (
-    DetectionLimit,
-    Diagnosis,
-    EffectFinding,
-    Estimate,
-    FreeForm,
-    NextTest,
-    NuisanceEstimate,
-    TieReport,
-)
+from gyrowheel_analysis.diagnosis.estimates import DetectionLimit, Estimate, NuisanceEstimate
+from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, NextTest, TieReport
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
 from gyrowheel_analysis.residuals.growth import Growth
 from gyrowheel_analysis.residuals.maps import Look, Region

@@ -14,8 +14,10 @@ import pytest
 from gyrowheel.investigation import procedure as investigation
 from gyrowheel.investigation.page import end_sentence
 from gyrowheel.investigation.procedure import BROAD, Course, Step, learned, pursue
+from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.experiment_design import Discrimination, PrecisionTest, relative_error
-from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate, NextTest
+from gyrowheel_analysis.diagnosis.findings import NextTest
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError

@@ -16,7 +16,8 @@ from PIL import Image
 from gyrowheel.comparison.picture import arrow_scale, arrows
 from gyrowheel.investigation.page import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
-from gyrowheel_analysis.diagnosis.result import DetectionLimit, NextTest
+from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
+from gyrowheel_analysis.diagnosis.findings import NextTest
 from gyrowheel_analysis.residuals.error_table import Part
 from gyrowheel_core.units import DEG
 

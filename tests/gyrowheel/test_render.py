@@ -40,7 +40,8 @@ from gyrowheel_air.check import check_table
 from gyrowheel_air.table import TorqueTable
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
-from gyrowheel_analysis.diagnosis.result import Beyond, ChannelCheck, Estimate, Proof
+from gyrowheel_analysis.diagnosis.estimates import Beyond, Estimate
+from gyrowheel_analysis.diagnosis.proof_result import ChannelCheck, Proof
 from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.windows import Coverage

@@ -22,7 +22,7 @@ from gyrowheel.report.decision import decision
 from gyrowheel.report.sections import error_rows
 from gyrowheel.report.verb import _is_report
 from gyrowheel.show.html import Cells
-from gyrowheel_analysis.diagnosis.result import TieReport
+from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
 

@@ -14,7 +14,8 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.investigation.api import _once
-from gyrowheel_analysis.diagnosis.result import Diagnosis, NextTest
+from gyrowheel_analysis.diagnosis.findings import NextTest
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.journal import FINISHED, Work, journal

@@ -31,7 +31,7 @@ from gyrowheel.workbench.benches import SimulatedBench
 from gyrowheel.workbench.library import ROLES, Envelope, Library, Opened, envelopes
 from gyrowheel.workbench.server import Access, Server
 from gyrowheel.workbench.session import Session, Step, before
-from gyrowheel_analysis.diagnosis.result import Proof
+from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_control.plans.plan import Plan

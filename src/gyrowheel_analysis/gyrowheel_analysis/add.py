@@ -10,12 +10,14 @@ from typing import Any, Literal
 import numpy as np
 
 from gyrowheel_analysis.criteria import DOUBTFUL, MOVED, UNCONSTRAINED
+from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
 from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
+from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.events import accepted, as_events, beside_events, unused_events, with_sizes
 from gyrowheel_analysis.diagnosis.explanation import explained
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import prove
-from gyrowheel_analysis.diagnosis.result import DatedEvent, Estimate, Proof
+from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, Unknowns
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem

@@ -10,9 +10,9 @@ from gyrowheel_analysis.add import Added, doubts_of, effects_of, overrides_of, r
 from gyrowheel_analysis.diagnosis.correction import applied, correct, proof_of
 from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
 from gyrowheel_analysis.diagnosis.diagnose import estimates
+from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.events import as_events, unused_events
 from gyrowheel_analysis.diagnosis.explanation import explained
-from gyrowheel_analysis.diagnosis.result import Estimate
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.errors import InputError

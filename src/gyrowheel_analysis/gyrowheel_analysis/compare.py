@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.criteria import FAILING_CHI2
+from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
 from gyrowheel_analysis.diagnosis.diagnose import misstated
+from gyrowheel_analysis.diagnosis.estimates import Misstated
 from gyrowheel_analysis.diagnosis.events import with_sizes
 from gyrowheel_analysis.diagnosis.explanation import explained, unexplained
-from gyrowheel_analysis.diagnosis.result import DatedEvent, Misstated
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem

@@ -10,10 +10,11 @@ import numpy as np
 
 from gyrowheel_analysis.criteria import CHI2_RANGE, TIE_LOSS, USEFUL_SEPARATION
 from gyrowheel_analysis.diagnosis.diagnose import estimates
+from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.events import accepted, beside_events
 from gyrowheel_analysis.diagnosis.experiment_design import Planner
+from gyrowheel_analysis.diagnosis.findings import NextTest
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
-from gyrowheel_analysis.diagnosis.result import Estimate, NextTest
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem

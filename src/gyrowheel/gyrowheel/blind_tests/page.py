@@ -17,7 +17,8 @@ from gyrowheel_sim.effects import EffectValues, registry
 
 if TYPE_CHECKING:
     from gyrowheel.blind_tests.judge import OpenedKey, Quantity
-    from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, Estimate
+    from gyrowheel_analysis.diagnosis.estimates import DetectionLimit, Estimate
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
 
 _COLOURS = {None: "cyan", "exact": "green", "misnamed": "red"}
 

@@ -9,7 +9,8 @@ from typing import Any, Literal
 from gyrowheel.blind_tests.judge import Outcome, judge_names
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hidden import Secret
-from gyrowheel_analysis.diagnosis.result import Diagnosis, Estimate
+from gyrowheel_analysis.diagnosis.estimates import Estimate
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 

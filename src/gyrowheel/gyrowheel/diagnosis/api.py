@@ -10,6 +10,7 @@ from gyrowheel.models.api import Model, effects_to_add
 from gyrowheel.recordings.inputs import Recordings, Say, data, opened_apart, require_one_machine
 from gyrowheel.show.result import Result, columns_of
 from gyrowheel_analysis.diagnosis import result as facts
+from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ class Diagnosis(Result, facts.Diagnosis):
         items = [(f.name, f.delta_chi2, f.coefficients) for f in self.effects]
         items += [(f.name, f.delta_chi2, f.coefficients) for f in self.free_form]
         items += [
-            (f.name, f.delta_chi2, {f.quantity: facts.Estimate(f.value, f.standard_error, f.unit)})
+            (f.name, f.delta_chi2, {f.quantity: Estimate(f.value, f.standard_error, f.unit)})
             for f in self.instruments
         ]
         return columns_of(

@@ -34,13 +34,9 @@ from gyrowheel.show.sentences.setup import cure, map_lines, problem
 from gyrowheel_core.quantities import quantity, span, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.result import (
-        DetectionLimit,
-        Diagnosis,
-        EffectFinding,
-        FreeForm,
-        InstrumentFinding,
-    )
+    from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, InstrumentFinding
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_recording.mislabelled import WrongSetup
 
 _COLOURS = {

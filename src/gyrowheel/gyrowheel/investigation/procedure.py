@@ -21,7 +21,8 @@ from gyrowheel_core.files import disk_errors, json_text, write_text
 from gyrowheel_core.quantities import listed, quantity
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.result import Diagnosis, EffectFinding
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.model import Model
     from gyrowheel_recording.bags import Recording
 

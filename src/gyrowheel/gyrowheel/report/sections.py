@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from gyrowheel.investigation.api import Investigation
     from gyrowheel.models.api import Model
     from gyrowheel.recordings.api import Recording
-    from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis
+    from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.residuals.error_table import ErrorRow
     from gyrowheel_recording.mislabelled import WrongSetup
 

@@ -26,16 +26,11 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.calibrate import Calibration
     from gyrowheel_analysis.compare import Comparison
     from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
-    from gyrowheel_analysis.diagnosis.result import (
-        DatedEvent,
-        Diagnosis,
-        EffectFinding,
-        Estimate,
-        InstrumentFinding,
-        Misstated,
-        Proof,
-        TieReport,
-    )
+    from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
+    from gyrowheel_analysis.diagnosis.estimates import Estimate, Misstated
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding, InstrumentFinding, TieReport
+    from gyrowheel_analysis.diagnosis.proof_result import Proof
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
     from gyrowheel_analysis.residuals.error_table import ErrorTable
     from gyrowheel_analysis.residuals.maps import Region

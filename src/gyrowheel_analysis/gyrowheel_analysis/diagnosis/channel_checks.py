@@ -16,7 +16,7 @@ from scipy.special import chdtri, ndtri
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.criteria import CHANNEL_CHANCE, CHANNEL_POWER, NOISE_ERROR
-from gyrowheel_analysis.diagnosis.result import ChannelCheck
+from gyrowheel_analysis.diagnosis.proof_result import ChannelCheck
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import concatenate

@@ -20,7 +20,7 @@ from gyrowheel_analysis.diagnosis.explanation import Explanation
 from gyrowheel_analysis.diagnosis.map_choice import CHANNELS, best_map
 from gyrowheel_analysis.diagnosis.map_fit import MapFit, fit_map
 from gyrowheel_analysis.diagnosis.proof import prove
-from gyrowheel_analysis.diagnosis.result import Proof
+from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.fitting.events import Event
 from gyrowheel_analysis.fitting.fit import Fit, Unknowns
 from gyrowheel_analysis.fitting.preparation import Prepared

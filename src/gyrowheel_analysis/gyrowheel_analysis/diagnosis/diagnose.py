@@ -19,6 +19,13 @@ from gyrowheel_analysis.criteria import (
     USEFUL_SEPARATION,
 )
 from gyrowheel_analysis.diagnosis.correction import Corrected, correct, proof_of
+from gyrowheel_analysis.diagnosis.estimates import (
+    Beyond,
+    DetectionLimit,
+    Estimate,
+    Misstated,
+    NuisanceEstimate,
+)
 from gyrowheel_analysis.diagnosis.events import (
     as_events,
     by_attitude,
@@ -28,24 +35,18 @@ from gyrowheel_analysis.diagnosis.events import (
 )
 from gyrowheel_analysis.diagnosis.experiment_design import Planner, Separation, detection_limits
 from gyrowheel_analysis.diagnosis.explanation import Explanation, explained
-from gyrowheel_analysis.diagnosis.limits import beyond, unusual
-from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
-from gyrowheel_analysis.diagnosis.result import (
-    Beyond,
-    DetectionLimit,
-    Diagnosis,
+from gyrowheel_analysis.diagnosis.findings import (
     EffectFinding,
-    Estimate,
     FreeForm,
     InstrumentFinding,
-    Misstated,
     NextTest,
-    NuisanceEstimate,
-    Proof,
     RivalReport,
     TieReport,
-    Verdict,
 )
+from gyrowheel_analysis.diagnosis.limits import beyond, unusual
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
+from gyrowheel_analysis.diagnosis.proof_result import Proof
+from gyrowheel_analysis.diagnosis.result import Diagnosis, Verdict
 from gyrowheel_analysis.diagnosis.selection import Finding
 from gyrowheel_analysis.diagnosis.support import supported
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts

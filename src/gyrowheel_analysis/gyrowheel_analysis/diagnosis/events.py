@@ -20,10 +20,10 @@ from gyrowheel_analysis.criteria import (
     EVENT_TIE,
     TREND_SHORTEST_REFINED,
 )
+from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape
 from gyrowheel_analysis.diagnosis.event_scan import Candidate, scan
 from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
-from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
 from gyrowheel_analysis.fitting.events import (

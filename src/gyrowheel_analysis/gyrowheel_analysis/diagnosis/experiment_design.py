@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import CHANNELS
 from gyrowheel_analysis.criteria import PRECISE, SETTLING_SEPARATION, VARIATION_BETTER, WORTHWHILE
-from gyrowheel_analysis.diagnosis.result import DetectionLimit, Diagnosis, EffectFinding
+from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
+from gyrowheel_analysis.diagnosis.findings import EffectFinding
+from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Unknowns, candidate_terms
 from gyrowheel_analysis.fitting.prediction import Prediction

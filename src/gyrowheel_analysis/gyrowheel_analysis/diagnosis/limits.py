@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gyrowheel_analysis.criteria import FAR_FROM_STATED, FAR_FROM_USUAL, FAR_RELATIVE_ERROR, MARGIN
-from gyrowheel_analysis.diagnosis.result import Beyond
+from gyrowheel_analysis.diagnosis.estimates import Beyond
 from gyrowheel_analysis.fitting.fit import Fit, Term, Unknowns
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_sim.effects import registry

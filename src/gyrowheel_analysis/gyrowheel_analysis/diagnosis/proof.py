@@ -32,7 +32,7 @@ from gyrowheel_analysis.diagnosis.channel_checks import (
     smallest,
     speed_of_misfit,
 )
-from gyrowheel_analysis.diagnosis.result import Left, Proof, Reason
+from gyrowheel_analysis.diagnosis.proof_result import Left, Proof, Reason
 from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, left_out, threshold
 from gyrowheel_analysis.fitting.events import Event
 from gyrowheel_analysis.fitting.fit import Fit, Term

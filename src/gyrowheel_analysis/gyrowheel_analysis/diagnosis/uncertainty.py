@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import UNDETECTED_SIZE
-from gyrowheel_analysis.diagnosis.result import ErrorParts
+from gyrowheel_analysis.diagnosis.estimates import ErrorParts
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 

@@ -20,15 +20,9 @@ from gyrowheel_core.errors import with_article
 from gyrowheel_core.quantities import decimal, interval, listed, pair, quantity, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.result import (
-        Beyond,
-        Diagnosis,
-        EffectFinding,
-        Estimate,
-        FreeForm,
-        NextTest,
-        TieReport,
-    )
+    from gyrowheel_analysis.diagnosis.estimates import Beyond, Estimate
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, NextTest, TieReport
+    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.windows import MissedVoltages
 
 _EXPONENT = re.compile(r"\^([kq])\b")

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from gyrowheel_core.quantities import decimal, listed, pair, quantity, short, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.result import DatedEvent, DriftShape, InstrumentFinding
+    from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape
+    from gyrowheel_analysis.diagnosis.findings import InstrumentFinding
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 
 #: Readings in a sentence, by channel.

@@ -17,7 +17,7 @@ from gyrowheel_core.units import RPM
 if TYPE_CHECKING:
     from gyrowheel_analysis.add import Doubt
     from gyrowheel_analysis.calibrate import Calibration
-    from gyrowheel_analysis.diagnosis.result import Proof
+    from gyrowheel_analysis.diagnosis.proof_result import Proof
     from gyrowheel_analysis.residuals.error_table import ErrorTable
 
 _PARTS = {

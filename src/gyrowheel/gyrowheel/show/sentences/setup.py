@@ -11,7 +11,7 @@ from gyrowheel.show.sentences.findings import every
 from gyrowheel_core.quantities import listed, quantity, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.result import Misstated
+    from gyrowheel_analysis.diagnosis.estimates import Misstated
     from gyrowheel_recording.mislabelled import Fix, WrongSetup
 
 _SPIN = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")

@@ -1,0 +1,87 @@
+"""Changes with time within a recording: events and drifts that have a shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.fitting.events import Kind
+
+
+@dataclass(frozen=True)
+class DatedEvent:
+    """A change in the middle of a recording.
+
+    Attributes
+    ----------
+    recording : str
+        The recording.
+    time, time_error : float
+        Its start, from the start of that recording, and the standard error [s].
+    end, end_error : float or None
+        End of a burst or a trend, and the standard error [s]; None for a step.
+    kind : str
+        ``step``, ``trend`` or ``burst``.
+    channel : str
+        The changed quantity, one of `fitting.events.QUANTITIES`.
+    size, standard_error : float
+        Size of the change and its standard error [`unit`].
+    unit : str
+        Unit of the size.
+    gain : float
+        Increase of twice the log likelihood of the recordings.
+    ties : tuple of str
+        Other quantities whose change explains the recordings equally well.
+    """
+
+    recording: str
+    time: float
+    time_error: float
+    end: float | None
+    end_error: float | None
+    kind: Kind
+    channel: str
+    size: float
+    standard_error: float
+    unit: str
+    gain: float
+    ties: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class DriftShape:
+    """A drift that has a shape.
+
+    Attributes
+    ----------
+    recording : str
+        The recording.
+    kind : str
+        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``, which it follows; ``after_tilt``:
+        it relaxes after every move of the tilt.
+    channel : str
+        The drifting quantity, one of `fitting.events.QUANTITIES`.
+    size, standard_error : float
+        Amplitude of the swing; change from the coldest to the warmest window; effect of a tilt of the reference size
+        just after the move, in `unit`.
+    unit : str
+        Unit of the size.
+    time, time_error : float
+        Period of the swing, or relaxation time, and the standard error [s]; 0 for a temperature.
+    temperature_change : float
+        From the coldest to the warmest window [K]; 0 for other shapes.
+    gain : float
+        Increase of twice the log likelihood of the recordings.
+    """
+
+    recording: str
+    kind: Kind
+    channel: str
+    size: float
+    standard_error: float
+    unit: str
+    time: float
+    time_error: float
+    temperature_change: float
+    gain: float
