@@ -11,9 +11,10 @@ from scipy.signal import lfilter
 
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.events import find
+from gyrowheel_analysis.diagnosis.event_search import find, search_events
 from gyrowheel_analysis.fitting.preparation import one_thread, prepare
 from gyrowheel_analysis.model import Model
+from gyrowheel_core.units import RPM
 from gyrowheel_sim import blind
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
 from gyrowheel_sim.effects.quantities import t as time_symbol
@@ -111,6 +112,20 @@ def test_event_is_found_dated_and_named(survey, column, course, size, kind, chan
     # a trend has no instant: its ends are known from windows alone
     within = 6.0 if kind == "trend" else 0.3
     np.testing.assert_allclose(found.event.edges, edges, rtol=0.0, atol=within)
+
+
+@pytest.mark.slow
+def test_torque_near_one_speed_is_a_law_and_no_event(survey):
+    """A mode of the case that answers near one speed: it begins and ends with the commands."""
+    speed = survey.measurement["spin_rate"] / RPM
+    with one_thread():
+        recording = changed(
+            survey, "coil_voltage_x", lambda _: np.exp(-(((speed - 2000.0) / 150.0) ** 2)), VOLTS
+        )
+        problem = prepare([recording], MODEL).problem
+        found, laws = search_events(problem, problem.fit(()), [recording])
+    assert found == []
+    assert [law.variable for law in laws] == ["speed"]
 
 
 @pytest.mark.slow

@@ -81,6 +81,11 @@ EVENT_GAIN: Final = 12.0
 EVENT_LACK: Final = 20.0
 #: Gain by which a quantity, kind or time must be better than a simpler one.
 EVENT_SIMPLER: Final = 6.0
+#: Gain by which an event whose edges all lie on changes of the commanded speed must be better than a law of the motion,
+#: which begins and ends there: about one event in twenty does by chance. Lower takes laws for events.
+EVENT_COMMANDED: Final = 6.0
+#: Laws of the motion that are set apart in the search for events, at most.
+MOTION_LAWS: Final = 4
 #: Gain within which another quantity explains an event as well; the same odds as `TIE_LOSS`.
 EVENT_TIE: Final = 14.0
 #: Gain by which the time of an edge may be less likely than the best one; about 3.5 standard errors.

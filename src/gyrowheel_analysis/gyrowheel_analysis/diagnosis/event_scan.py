@@ -13,13 +13,22 @@ from gyrowheel_analysis.criteria import (
     BURST_BESIDE,
     DRIFT_WARMING,
     EVENT_LIKELY,
+    EVENT_NEAR,
     EVENT_PRICE,
     SWING_FASTEST,
     SWINGS_FEWEST,
     TREND_SHORTEST,
 )
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles, Rows
-from gyrowheel_analysis.fitting.events import AFTER_TILT, TEMPERATURES, TOGETHER, Event, Kind, temperature
+from gyrowheel_analysis.fitting.events import (
+    AFTER_TILT,
+    HAPPENS,
+    TEMPERATURES,
+    TOGETHER,
+    Event,
+    Kind,
+    temperature,
+)
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_recording.bags.reader import pauses
@@ -201,6 +210,22 @@ def scan(evidence: Evidence) -> list[Candidate]:
         for lag in LAGS:
             found.append(_after_tilt(evidence, recording, lag))
     return sorted(found, key=lambda candidate: -candidate.score)
+
+
+def best_at(evidence: Evidence, events: Sequence[Event]) -> Candidate:
+    """Return the best candidate like an event: of its kind and quantities, with edges near its own."""
+    first = events[0]
+    names = [event.quantity for event in events]
+    windows = evidence.problem.balances[first.recording].windows
+    if first.kind == "after_tilt":
+        return _after_tilt(evidence, first.recording, first.time)
+    every = [*_profiles(windows.start, windows.duration), *_shapes(windows)]
+    profiles = next(own for own in every if own.kind == first.kind)
+    (gains,) = evidence.gains(names, first.recording, [profiles])
+    near = np.abs(profiles.edges - np.array(first.edges)).max(axis=1, initial=0.0)
+    if first.kind in HAPPENS:
+        gains = np.where(near <= max(EVENT_NEAR, near.min()), gains, -math.inf)
+    return _best(first.recording, names, profiles, gains, chance(first.kind, profiles.places))
 
 
 def _best(

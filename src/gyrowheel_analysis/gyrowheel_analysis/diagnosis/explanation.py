@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gyrowheel_analysis.diagnosis.events import Found, explain
+from gyrowheel_analysis.diagnosis.event_dating import Found
+from gyrowheel_analysis.diagnosis.events import explain
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, settled
 from gyrowheel_analysis.fitting.fit import Fit

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,17 +126,20 @@ def temperature(windows: Windows, kind: Kind) -> Array:
     return windows.coil_temperature if kind == "coil_temperature" else windows.air_temperature
 
 
-def lag_of_tilt(windows: Windows, time: float) -> NDArray[np.complex128]:
-    """Return the lead of the tilt over its mean of the past, which fades with a `time` constant [s], (n,) [rad].
+def lead(
+    windows: Windows, values: NDArray[Any], time: float, before: complex = 0.0
+) -> NDArray[np.complex128]:
+    """Return the lead of a quantity over its mean of the past, which fades with a `time` constant [s], (n,).
 
-    Between two windows the tilt moves at once.
+    `values` (n,) are its values in the windows, `before` is that before the first one. Between two windows it moves at
+    once.
     """
     order = np.argsort(windows.start, kind="stable")
-    start, duration, tilt = windows.start[order], windows.duration[order], windows.mean_tilt[order]
+    start, duration = windows.start[order], windows.duration[order]
     stop = start + duration
     until = np.r_[0.5 * (stop[:-1] + start[1:]), stop[-1]]
-    result, begun, behind = np.zeros(len(order), dtype=np.complex128), float(start[0]), 0.0j
-    for k, (place, own) in enumerate(zip(order, tilt, strict=True)):
+    result, begun, behind = np.zeros(len(order), dtype=np.complex128), float(start[0]), complex(before)
+    for k, (place, own) in enumerate(zip(order, values[order], strict=True)):
         ahead = own - behind
         first, last = np.exp(-(start[k] - begun) / time), np.exp(-(stop[k] - begun) / time)
         result[place] = ahead * (first - last) * time / duration[k]
@@ -229,7 +232,9 @@ def _tilt(balance: Balance) -> NDArray[np.complex128]:
 
 def _lagging(balance: Balance, lag: float) -> dict[str, Array]:
     """Return the rows of a torque against a moved tilt, which relaxes at rest."""
-    return _on_case(-lag_of_tilt(balance.windows, lag) / balance.bench.value("tilt_reference"))
+    return _on_case(
+        -lead(balance.windows, balance.windows.mean_tilt, lag) / balance.bench.value("tilt_reference")
+    )
 
 
 def _gain(balance: Balance) -> dict[str, Array]:

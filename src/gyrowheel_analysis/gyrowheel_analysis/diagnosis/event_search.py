@@ -1,0 +1,182 @@
+"""The search for events: found one by one, fitted together, and none where a law of the motion serves as well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from gyrowheel_analysis.criteria import (
+    EVENT_GAIN,
+    EVENT_NEAR,
+    EVENT_SAME,
+    EVENT_SEARCH,
+    EVENT_SIMPLER,
+    EVENT_TIE,
+    MOTION_LAWS,
+)
+from gyrowheel_analysis.diagnosis.event_dating import Found, all_of, gain_of, with_times
+from gyrowheel_analysis.diagnosis.event_scan import Candidate, best_at, places, price, scan
+from gyrowheel_analysis.diagnosis.evidence import Evidence
+from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, law_instead, rows_of
+from gyrowheel_analysis.fitting.events import HAPPENS, TOGETHER, Event
+from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_recording.bags import Recording
+
+_MOST = 6
+_ROUNDS = 3  # of fitting every event next to the others
+
+
+def find(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:
+    """Return the events that recordings show in addition to a fit, the strongest first."""
+    return search_events(problem, fit, recordings)[0]
+
+
+def search_events(
+    problem: Problem, fit: Fit, recordings: Sequence[Recording]
+) -> tuple[list[Found], list[MotionLaw]]:
+    """Return the events that recordings show in addition to a fit, and laws of the motion that look like events."""
+    found: list[Found] = []
+    laws: list[MotionLaw] = []
+    of_recordings = places(problem)
+    while len(found) < _MOST:
+        evidence = Evidence(problem.with_events(all_of(found)), fit, rows_of(problem, laws))
+        candidates = scan(evidence)
+        best = _simplest(candidates)
+        if best.score < EVENT_GAIN:
+            break
+        dated = _dated_best(evidence, candidates, best, recordings[best.first.recording])
+        if any(_alike(dated.events, f.events) for f in found):
+            break
+        if best.first.kind in HAPPENS:
+            score = dated.gain - price(dated.event.kind, of_recordings)
+            if (law := law_instead(evidence, dated.events, score)) is not None:
+                laws.append(law)
+                if len(laws) > MOTION_LAWS:
+                    break
+                continue
+        found.append(replace(dated, ties=_ties(candidates, best)))
+    return fitted_together(problem, fit, found, laws, recordings), laws
+
+
+def fitted_together(
+    problem: Problem,
+    fit: Fit,
+    found: Sequence[Found],
+    laws: Sequence[MotionLaw],
+    recordings: Sequence[Recording],
+) -> list[Found]:
+    """Return events that were found one by one, each with the best times next to all others.
+
+    Changes at one instant become one event; those that the others make dispensable are dropped.
+    """
+    own = list(found)
+    of_recordings, beside = places(problem), rows_of(problem, laws)
+    for _ in range(_ROUNDS):
+        count, own = len(own), _merged(own)
+        if count == len(own) == 1:
+            return own
+        before = list(own)
+        k = 0
+        while k < len(own):
+            others = own[:k] + own[k + 1 :]
+            evidence = Evidence(problem.with_events(all_of(others)), fit, beside)
+            candidate = best_at(evidence, own[k].events)
+            again = _fewer(evidence, with_times(evidence, candidate, recordings[candidate.first.recording]))
+            if again.gain - price(again.event.kind, of_recordings) < EVENT_GAIN:
+                own = others
+                continue
+            own[k] = replace(again, ties=own[k].ties)
+            k += 1
+        if len(before) == len(own) and all(
+            _alike(a.events, b.events) for a, b in zip(before, own, strict=True)
+        ):
+            break
+    return own
+
+
+def _merged(found: Sequence[Found]) -> list[Found]:
+    """Return events with those of one instant as one, at the times of the one that gains most."""
+    result: list[Found] = []
+    for own in sorted(found, key=lambda f: -f.gain):
+        for k, other in enumerate(result):
+            quantities = {e.quantity for e in (*other.events, *own.events)}
+            names = next((pair for pair in TOGETHER if quantities <= set(pair)), None)
+            if names is not None and _at_once(other, own):
+                events = tuple(replace(other.event, quantity=name) for name in names if name in quantities)
+                result[k] = replace(other, events=events)
+                break
+        else:
+            result.append(own)
+    return result
+
+
+def _at_once(left: Found, right: Found) -> bool:
+    """Whether two events are of one kind in one recording and have the same edges, as far as these are known."""
+    a, b = left.event, right.event
+    if (a.recording, a.kind) != (b.recording, b.kind):
+        return False
+    known = [
+        max(EVENT_SAME, EVENT_SEARCH * math.hypot(x, y))
+        for x, y in zip(left.errors, right.errors, strict=True)
+    ]
+    return all(abs(x - y) <= most for x, y, most in zip(a.edges, b.edges, known, strict=True))
+
+
+def _dated_best(
+    evidence: Evidence, candidates: Sequence[Candidate], best: Candidate, recording: Recording
+) -> Found:
+    """Return the best candidate as an event with its times, on as few axes as serve."""
+    dated = with_times(evidence, best, recording)
+    if best.first.kind == "trend" and (steps := [c for c in candidates if _may_be(c, best)]):
+        # a step within a window looks like a short trend
+        step = with_times(evidence, steps[0], recording)
+        dated = step if step.gain > dated.gain - EVENT_SIMPLER else dated
+    return _fewer(evidence, dated)
+
+
+def _may_be(candidate: Candidate, trend: Candidate) -> bool:
+    """Whether a candidate is a step that may explain a trend."""
+    e, t = candidate.first, trend.first
+    return (e.kind, e.recording, candidate.quantities) == ("step", t.recording, trend.quantities) and (
+        t.time - EVENT_NEAR < e.time < t.end + EVENT_NEAR
+    )
+
+
+def _fewer(evidence: Evidence, dated: Found) -> Found:
+    """Return the event of one axis alone in place of both, where it explains as much."""
+    alone = [replace(dated, events=(event,), gain=gain_of(evidence, [(event,)])) for event in dated.events]
+    best = max(alone, key=lambda own: own.gain)
+    return best if best.gain > dated.gain - EVENT_SIMPLER else dated
+
+
+def _alike(left: Sequence[Event], right: Sequence[Event]) -> bool:
+    """Whether two events are the same change of the same quantities."""
+    if [(e.recording, e.quantity, e.kind) for e in left] != [
+        (e.recording, e.quantity, e.kind) for e in right
+    ]:
+        return False
+    return all(abs(a - b) < EVENT_SAME for a, b in zip(left[0].edges, right[0].edges, strict=True))
+
+
+def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
+    """Return other quantities whose change at the same time gains nearly as much."""
+    first = best.first
+    near = [
+        name
+        for c in candidates
+        if c.gain > best.gain - EVENT_TIE
+        and c.quantities != best.quantities
+        and (c.first.recording, c.first.kind) == (first.recording, first.kind)
+        and all(abs(a - b) < EVENT_NEAR for a, b in zip(c.first.edges, first.edges, strict=True))
+        for name in c.quantities
+    ]
+    return tuple(dict.fromkeys(near))
+
+
+def _simplest(candidates: Sequence[Candidate]) -> Candidate:
+    """Return the best candidate, or one of a simpler quantity that is nearly as good."""
+    serving = [c for c in candidates if c.score > candidates[0].score - EVENT_SIMPLER]
+    order = {quantities: k for k, quantities in enumerate(TOGETHER)}
+    return min(serving, key=lambda c: (order.get(c.quantities, len(order)), -c.score))

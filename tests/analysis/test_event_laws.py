@@ -1,0 +1,69 @@
+"""What looks like events and is none: laws of the motion, offsets, and one change that is found twice."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.diagnosis.event_dating import Found
+from gyrowheel_analysis.diagnosis.event_search import _merged
+from gyrowheel_analysis.diagnosis.motion_laws import courses, on_commands
+from gyrowheel_analysis.fitting.events import Event, Kind
+from gyrowheel_core.units import DEG, RPM
+
+
+def plan_of_windows() -> Any:
+    """Return the motion of windows of two seconds: three speeds, and at each of them four tilts."""
+    start = 2.2 * np.arange(12.0)
+    return WindowsOfPlan(
+        start=start,
+        duration=np.full(12, 2.0),
+        middle=start + 1.0,
+        mean_spin=np.repeat([3000.0, 1500.0, 4000.0], 4) * RPM,
+        mean_tilt=np.tile([0.0, 3.0, -3.0, 2.0j], 3) * DEG,
+    )
+
+
+class WindowsOfPlan(SimpleNamespace):
+    def __len__(self) -> int:
+        return len(self.start)
+
+
+def test_courses_follow_the_motion_and_are_at_most_one() -> None:
+    found = list(courses(plan_of_windows()))
+    assert {variable for variable, _ in found} == {
+        "offset", "speed", "tilt", "direction", "time", "history"
+    }  # fmt: skip
+    assert all(np.abs(course).max() == pytest.approx(1.0) for _, course in found)
+    # a narrow resonance at the second speed is there, whatever its width
+    there = np.repeat([0.0, 1.0, 0.0], 4)
+    assert any(variable == "speed" and np.allclose(course, there, atol=1e-3) for variable, course in found)
+    # and the direction of the last change of the speed
+    past = np.repeat([0.0, -1.0, 1.0], 4)
+    assert any(variable == "history" and np.allclose(course, past) for variable, course in found)
+
+
+@pytest.mark.parametrize(
+    ("edges", "commanded"), [((8.7,), True), ((9.9,), True), ((13.0,), False), ((8.7, 13.0), False)]
+)
+def test_event_lies_on_commands_if_all_its_edges_do(edges: tuple[float, ...], commanded: bool) -> None:
+    kind: Kind = "step" if len(edges) == 1 else "burst"
+    assert on_commands(plan_of_windows(), Event(0, "torque_x", kind, *edges)) == commanded
+
+
+def found_at(time: float, *quantities: str, gain: float = 50.0) -> Found:
+    return Found(tuple(Event(0, name, "step", time) for name in quantities), (0.1,), gain)
+
+
+def test_two_channels_of_one_instant_are_one_event() -> None:
+    both, alone = found_at(60.0, "torque_x", "torque_y", gain=90.0), found_at(60.4, "torque_x")
+    (merged,) = _merged([alone, both])
+    assert merged.events == both.events
+    (merged,) = _merged([found_at(60.0, "torque_y"), found_at(60.4, "torque_x", gain=90.0)])
+    assert [event.quantity for event in merged.events] == ["torque_x", "torque_y"]
+    assert merged.event.time == 60.4
+    apart = [both, found_at(70.0, "torque_x"), found_at(60.0, "spin_torque")]
+    assert len(_merged(apart)) == 3
