@@ -8,6 +8,8 @@ MAKEFLAGS += --no-builtin-rules --no-print-directory
 
 PYTHON ?= python3
 SEED ?= 1
+# One more than there are cores: nodes, browsers and processes that end are waited for a third of the time.
+WORKERS ?= $(shell expr $$(nproc) + 1)
 MINUTES ?= 5
 
 BIN := .venv/bin
@@ -75,14 +77,14 @@ test: $(DONE)/packages ## run the tests (ARGS="-k plans" picks some)
 ifdef ARGS
 	@$(BIN)/python -m pytest $(ARGS)
 else
-	@$(BIN)/python -m pytest -n auto --dist worksteal
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 endif
 
 quick: lint ## lint, and the tests that are neither slow nor start nodes: for every commit
-	@$(BIN)/python -m pytest -n auto --dist worksteal -m 'not slow and not graph'
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m 'not slow and not graph'
 
 studies: $(DONE)/packages ## run further cases of what the tests show, before a release (ARGS="-k events" picks some)
-	@$(BIN)/python -m pytest --studies -n auto --dist worksteal $(ARGS)
+	@$(BIN)/python -m pytest --studies -n $(WORKERS) --dist worksteal $(ARGS)
 
 fuzz: $(DONE)/packages ## try damaged input of every kind for MINUTES=5; what goes wrong is kept in fuzz_findings
 	@$(BIN)/python -m tests.fuzz --minutes $(MINUTES) $(ARGS)

@@ -8,9 +8,10 @@ import signal
 import pytest
 from hypothesis import HealthCheck, settings
 
-# A shell that runs the tests in the background has them ignore Ctrl-C, and every process that they start with them.
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+# A shell that runs the tests in the background has them ignore these, and every process that they start with them.
+for _number, _handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGQUIT, signal.SIG_DFL)):
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, _handler)
 
 # Before numpy is imported: threads that wait for small matrices take the processor from the other tests.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

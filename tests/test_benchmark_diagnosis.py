@@ -16,6 +16,7 @@ def test_plans_are_as_long_as_they_are_called(name: str, seconds: float) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_diagnosis_is_taken_apart_into_its_stages(tmp_path: Path) -> None:
     samples = diagnosis.record(tmp_path / "recording", "check", lambda _: None)
     found = diagnosis.diagnosed(tmp_path / "recording")

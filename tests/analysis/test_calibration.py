@@ -58,7 +58,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scenario, list
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.study)])
+@pytest.mark.parametrize("count", [1, pytest.param(8, marks=pytest.mark.study)])
 def test_wrong_constants_are_found_within_their_errors(count: int, tmp_path: Path):
     apart = []
     for seed in range(41, 41 + count):

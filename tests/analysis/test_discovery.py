@@ -149,9 +149,8 @@ def test_next_test_reveals_the_effect_hidden_from_the_first_plan(tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param("aero_restoring", marks=pytest.mark.study), "gimbal_inertia_error"]
-)
+@pytest.mark.parametrize("name", ["aero_restoring", "gimbal_inertia_error"])
+@pytest.mark.study
 def test_the_torque_twice_a_revolution_separates_gimbal_inertia_from_air(name: str, tmp_path: Path) -> None:
     """In the averages both are a torque against the tilt that grows as the square of the speed."""
     if name == "aero_restoring":

@@ -282,6 +282,7 @@ def test_torque_that_relaxes_after_every_move_of_the_tilt_is_reported_as_such(su
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_verdict_names_the_shape_of_a_drift_instead_of_its_size(survey):
     swing = 0.6 * VOLTS * np.cos(2.0 * np.pi * (survey.time - 12.0) / 47.0)
     measurement = survey.measurement.copy()

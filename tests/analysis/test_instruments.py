@@ -103,9 +103,8 @@ def test_an_instrument_that_is_not_as_stated_is_named(name: str, tmp_path: Path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("channel", "order"), [("tilt", 3), pytest.param("coil_voltage", 2, marks=pytest.mark.study)]
-)
+@pytest.mark.parametrize(("channel", "order"), [("tilt", 3), ("coil_voltage", 2)])
+@pytest.mark.study
 def test_filter_of_another_shape_gives_no_physical_finding(
     plain: Recording, channel: str, order: int
 ) -> None:

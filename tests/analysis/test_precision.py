@@ -32,6 +32,7 @@ def test_the_proposed_test_improves_precision_as_predicted(tmp_path: Path):
     assert relative_error(sharper) == pytest.approx(test.expected, rel=0.4)
 
 
+@pytest.mark.study
 def test_a_precise_finding_needs_no_test(tmp_path: Path):
     machine = hidden_machine(18, {"aero_cross": {"c": 0.006, "n": 1.98}})
     recordings = [record(tmp_path, "fit", machine, "quick")]

@@ -38,7 +38,8 @@ class Lifecycles:
         return bool(self._bystander.call(self._clients[name], request).success)
 
 
-@pytest.mark.parametrize("realtime", [False, pytest.param(True, marks=pytest.mark.study)])
+@pytest.mark.study  # test_transitions.py and test_nodes.py change the states of single nodes
+@pytest.mark.parametrize("realtime", [False, True])
 def test_a_controller_takes_the_place_of_another_during_a_plan(
     realtime: bool,
     domain: int,

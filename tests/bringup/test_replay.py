@@ -274,8 +274,9 @@ def test_bad_parameters_end_the_node_with_one_line(
     replay: Replay, parameters: dict[str, object], line: str
 ) -> None:
     assert replay.start(**parameters).end() == 2
-    assert replay.output.startswith(line)
-    assert replay.output.count("\n") == 1
+    # the middleware logs what it could not get of memory that others of this computer have
+    (said,) = (text for text in replay.output.splitlines() if "[RTPS_" not in text)
+    assert said.startswith(line)
 
 
 @pytest.mark.study  # test_up.py replays what it has recorded

@@ -17,7 +17,9 @@ from ..domains import next_domain
 
 NODE = """
 import ctypes, os, signal, sys
-from gyrowheel_core.node import BenchNode, NodeStatus, run_node
+from gyrowheel_core.node import BenchNode, NodeStatus, process, run_node
+
+process.CLEANED_UP, process.DESTROYED = 2, 1  # s
 
 class Fragile(BenchNode):
     NODE_NAME = "fragile"

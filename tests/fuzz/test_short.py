@@ -20,12 +20,12 @@ from .texts import MODEL
 
 #: How many of each kind; some seconds in all.
 _COUNTS = {
-    "recording": 30,
+    "recording": 15,
     "chunks": 200,
     "message": 20,
-    "contents": 12,
-    "compare": 3,
-    "text": 30,
+    "contents": 6,
+    "compare": 1,
+    "text": 15,
     "formula": 30,
     "typed": 30,
     "csv": 20,

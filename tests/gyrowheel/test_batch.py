@@ -28,7 +28,7 @@ def runs(wheel: Wheel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("ending", ["parquet", "csv"])
+@pytest.mark.parametrize("ending", ["parquet", pytest.param("csv", marks=pytest.mark.study)])
 def test_every_recording_is_a_row_and_done_once(
     runs: Path, wheel: Wheel, ending: str, tmp_path: Path, gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -90,6 +90,7 @@ def test_both_implementations_of_the_instruments_agree(delay: float, time: float
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_voltages_of_the_independent_loop_belong_to_the_interval_that_ends_at_the_sample() -> None:
     asked = references([Step(2000.0, 1 + 0j, hold=0.3)], 5e-4)
     for delay, older, newer in ((0.0, 2, 2), (-5e-4, 1, 1), (5e-4, 3, 3), (2.5e-4, 3, 2)):

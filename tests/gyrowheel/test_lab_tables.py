@@ -112,6 +112,7 @@ def test_hidden_effect_is_found_at_1_khz_with_jitter_and_a_gap(
     assert apart(found(recording), found(original)) < 3.0
 
 
+@pytest.mark.study
 def test_effect_of_averages_is_found_without_an_angle(measurement: Any, tmp_path: Path) -> None:
     columns, units = lab.lab_columns(measurement, every=2, without=["spin_angle", "coil_temperature"])
     recording = gw.read_table(lab.write_text(tmp_path / "lab.csv", columns, units))

@@ -64,6 +64,7 @@ def height(folder: str) -> tuple[int, int]:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_a_diagnosis_calls_the_folders_of_the_house_from_top_to_bottom(tmp_path: Path) -> None:
     gw.simulate("quick", effects={"windage": {}}, machine=6).save(tmp_path / "run")
     model = gw.Model("gyrowheel")

@@ -64,8 +64,10 @@ def asked(run: gw.Recording) -> Iterator[tuple[str, Callable[[], Any]]]:
     "absent",
     [
         COILS,
-        MOTOR,
-        *(pytest.param(own, marks=pytest.mark.study) for own in (COILS[:1], (*COILS, "motor_current"))),
+        *(
+            pytest.param(own, marks=pytest.mark.study)
+            for own in (MOTOR, COILS[:1], (*COILS, "motor_current"))
+        ),
     ],
     ids="+".join,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import re
 import shutil
@@ -144,6 +145,11 @@ class Report(ReportContent):
 
     def html(self) -> str:
         """Return the report as one page of HTML that needs no network; its one script draws signals."""
+        return self._page
+
+    @functools.cached_property
+    def _page(self) -> str:
+        # its pictures take seconds
         return html_page(self)
 
     def markdown(self) -> str:

@@ -34,8 +34,8 @@ _ANSWER = 0.3  # how long a node that was shut down stays, so that its answer ar
 #: Exit codes of a node whose work was done, and whose middleware crashed or hung in its shutdown.
 TORN: Final = frozenset({int(signal.SIGSEGV), int(signal.SIGABRT), int(signal.SIGALRM)})
 #: How long a node whose work is done may take to release what it acquired, less than `up` waits for its end [s].
-_CLEANED_UP = 15
-_DESTROYED = 5  # how long the middleware may take after that [s]
+CLEANED_UP = 15
+DESTROYED = 5  # how long the middleware may take after that [s]
 
 
 class ExitCode(enum.IntEnum):
@@ -220,8 +220,8 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
     if isinstance(node.failure, Fault):
         node.get_logger().fatal(str(node.failure))
     node.finish(executor)
-    _end_quietly_at(signal.SIGALRM, seconds=_CLEANED_UP)
+    _end_quietly_at(signal.SIGALRM, seconds=CLEANED_UP)
     node.take_apart(executor)
-    _end_quietly_at(*TORN, seconds=_DESTROYED)
+    _end_quietly_at(*TORN, seconds=DESTROYED)
     node.destroy_node()
     return node.failure
