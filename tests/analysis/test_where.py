@@ -326,6 +326,22 @@ def test_the_variable_on_which_a_residual_depends_is_named(part: str, values: An
     assert right >= 5
 
 
+@pytest.mark.parametrize(("size", "stated"), [(0.4, False), (1.5, True)])
+def test_pattern_within_the_accuracy_of_the_balance_is_no_dependence(size: float, stated: bool) -> None:
+    """The noise of the rows includes that accuracy; what is left may be less, and have a pattern."""
+    p = problem()
+    (balance,) = p.balances
+    w, rng = balance.windows, np.random.default_rng(12)
+    deviation = p.noise.deviation()
+    rows = 0.2 * rng.normal(size=len(p.measured)) * deviation
+    for row, wave in zip(CHANNELS["tilt"].rows, (np.cos, np.sin), strict=True):
+        own = balance.row(row)
+        rows[own] += size * deviation[own] * wave(2.0 * np.angle(w.mean_tilt)) * (np.abs(w.mean_tilt) > 0.01)
+    data = window_residuals([balance], w, rows, p.noise)
+    found = dependences(data, [balance], rows, lambda values: (values.T / deviation).T)
+    assert [test.variable for test in found if test.stated] == (["azimuth"] if stated else [])
+
+
 @pytest.mark.parametrize("part", ["tilt", "tilt_2n"])
 def test_the_speed_is_named_where_the_temperature_hardly_varies(part: str) -> None:
     """Plan quick has warm coils at the end, at one speed; a zero error of the tilt sensors depends on the speed."""

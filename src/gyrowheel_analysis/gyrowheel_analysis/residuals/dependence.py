@@ -2,7 +2,9 @@
 
 Rows and patterns are whitened with the covariance of the noise, drift included, before any test: readings that drift
 together must not pass for a trend. The share of a variable is judged against the remainder (F test), so that a misfit
-of another kind does not make it significant; probabilities are multiplied by the number of tests (Bonferroni).
+of another kind does not make it significant, and against the noise where the remainder is less: part of the noise is
+the accuracy of the balance, which is no chance and has patterns of its own. Probabilities are multiplied by the number
+of tests (Bonferroni).
 """
 
 from __future__ import annotations
@@ -316,7 +318,8 @@ def _patterns(
 class _Squares:
     """Residual sums of squares of whitened rows (n,) after fits of sets of variables.
 
-    `base` (n, k) are whitened columns that belong to no variable, `columns` (n, m) those of every variable.
+    The noise of the rows is 1. `base` (n, k) are whitened columns that belong to no variable, `columns` (n, m) those of
+    every variable.
     """
 
     def __init__(self, rows: Array, base: Array, columns: Mapping[str, Array]) -> None:
@@ -353,7 +356,7 @@ class _Squares:
         if k <= 0 or free < 3 or after <= 0.0 or self._total == 0.0:
             return 0.0, 1.0
         gain = max(rest - after, 0.0)
-        return gain / self._total, float(fdtrc(k, free, gain / k / (after / free)))
+        return gain / self._total, float(fdtrc(k, free, gain / k / max(after / free, 1.0)))
 
     @property
     def share_of_base(self) -> float:
