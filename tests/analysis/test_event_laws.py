@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gyrowheel.show.sentences.findings import law_sentence
+from gyrowheel_analysis.diagnosis.dated_changes import MissingLaw
 from gyrowheel_analysis.diagnosis.event_dating import Found
 from gyrowheel_analysis.diagnosis.event_search import _merged
 from gyrowheel_analysis.diagnosis.motion_laws import courses, on_commands
@@ -67,3 +69,21 @@ def test_two_channels_of_one_instant_are_one_event() -> None:
     assert merged.event.time == 60.4
     apart = [both, found_at(70.0, "torque_x"), found_at(60.0, "spin_torque")]
     assert len(_merged(apart)) == 3
+
+
+@pytest.mark.parametrize(
+    ("law", "said"),
+    [
+        (
+            MissingLaw("monday", "speed", ("torque_along_tilt",), 40.0),
+            "There is a torque along the tilt, in proportion to it, that depends on the speed: it begins and ends "
+            "with the commands, no event.",
+        ),
+        (
+            MissingLaw("monday", "offset", ("torque_x", "torque_y"), 40.0),
+            "From the start there are a torque about case x and a torque about case y: an offset, no event.",
+        ),
+    ],
+)
+def test_law_that_looks_like_events_is_stated_with_its_variable(law: MissingLaw, said: str) -> None:
+    assert law_sentence(law) == said

@@ -10,6 +10,7 @@ import pytest
 import gyrowheel as gw
 from gyrowheel.show.sentences.proof import left_sentences
 from gyrowheel_analysis.diagnosis.proof_result import ChannelCheck, Proof
+from gyrowheel_analysis.diagnosis.support import _excess
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.units import RPM
 
@@ -60,6 +61,28 @@ def test_effect_that_other_recordings_confirm_is_offered(recorded: tuple[Path, P
     found = gw.diagnose(windy, gw.Model(), validate=again)
     assert found.rejected == ()
     assert [f.name for f in found.effects] == ["windage"]
+
+
+@pytest.mark.parametrize(
+    ("spin", "missing", "refused"),
+    [
+        (160.0, False, True),  # worse by more than chance explains
+        (110.0, False, False),  # within chance
+        (160.0, True, False),  # in a channel in which much more is missing, its noise is that misfit
+    ],
+)
+def test_term_that_spoils_one_channel_is_refused_while_the_total_falls(
+    spin: float, missing: bool, refused: bool
+) -> None:
+    """Chi-squared of 100 rows each; the tilt falls from 900 to 100 with the term, the spin rises."""
+    more = 400.0 if missing else 0.0
+    with_term, without = (
+        {"tilt_x": (100.0, 100), "spin": (spin + more, 100)},
+        {"tilt_x": (900.0, 100), "spin": (100.0 + more, 100)},
+    )
+    assert (_excess(with_term, without, missing=missing) > 1.0) == refused
+    # a form must predict by itself, whatever else is missing
+    assert (_excess(with_term, without) > 1.0) == (spin > 120.0)
 
 
 def test_what_is_left_is_stated_by_channel_with_the_speed_of_the_worst() -> None:

@@ -12,6 +12,7 @@ from gyrowheel.show.sentences.diagnosis import evidence, several, verdict_senten
 from gyrowheel.show.sentences.findings import (
     event_sentence,
     instrument_sentence,
+    law_sentence,
     reading_sentence,
     shape_sentence,
 )
@@ -105,6 +106,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "map": None if found.map is None else map_json(found.map),
         "events": [event_json(event, several=many) for event in found.events],
         "turned": [event_json(event, several=many) for event in found.turned],
+        "laws": [{**asdict(law), "sentence": law_sentence(law, several=many)} for law in found.laws],
         "drift": dict(found.drift_scales),
         "drift_shapes": [
             {**asdict(shape), "sentence": shape_sentence(shape, several=many)} for shape in found.drift_shapes

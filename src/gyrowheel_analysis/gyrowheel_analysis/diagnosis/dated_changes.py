@@ -1,12 +1,15 @@
-"""Changes with time within a recording: events and drifts that have a shape."""
+"""Changes with time within a recording: events, laws that look like events, and drifts that have a shape."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.fitting.events import Kind
+
+#: On what a quantity depends; `history` is that of speed and tilt, `offset` nothing: it is constant.
+Variable = Literal["offset", "speed", "tilt", "direction", "time", "history"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,29 @@ class DatedEvent:
     unit: str
     gain: float
     ties: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class MissingLaw:
+    """What looks like events and is a law of the motion, or an offset.
+
+    Attributes
+    ----------
+    recording : str
+        The recording.
+    depends_on : str
+        ``speed``, ``tilt``, ``direction``, ``time`` (since the start), ``history`` (of speed and tilt), or ``offset``
+        (constant).
+    channels : tuple of str
+        The quantities that follow it, of `fitting.events.QUANTITIES`.
+    gain : float
+        Increase of twice the log likelihood of the recording, less that by chance.
+    """
+
+    recording: str
+    depends_on: Variable
+    channels: tuple[str, ...]
+    gain: float
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from gyrowheel_analysis.diagnosis.events import (
     as_events,
     by_attitude,
     drift_shapes,
+    missing_laws,
     unused_events,
     with_sizes,
 )
@@ -161,7 +162,7 @@ def _judged(
     far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
-    if explanation.rejected and verdict in ("nothing_missing", "insufficient_data"):
+    if (explanation.rejected or explanation.laws) and verdict in ("nothing_missing", "insufficient_data"):
         verdict = "unknown"
     events, turned = by_attitude(events, [*recordings, *validate])
     if turned and verdict in ("nothing_missing", "insufficient_data"):
@@ -184,6 +185,7 @@ def _judged(
         limits=tuple(limits),
         events=tuple(events),
         turned=tuple(turned),
+        laws=tuple(missing_laws(explanation.laws, paths)),
         drift_shapes=tuple(shapes),
         readings=readings.found,
         hum_unknown=readings.hum_unknown,

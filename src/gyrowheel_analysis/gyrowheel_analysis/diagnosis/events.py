@@ -13,9 +13,10 @@ from gyrowheel_analysis.criteria import (
     EVENT_LACK,
     EVENT_SAME,
 )
-from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape
+from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
-from gyrowheel_analysis.diagnosis.event_search import find
+from gyrowheel_analysis.diagnosis.event_search import find, search_events
+from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
@@ -41,13 +42,14 @@ class Outcome:
     """The explanation of recordings: effects given the events, and a free form if there is one.
 
     `problem` has the events, their contribution subtracted from the measured rows; they are in order of recording and
-    time.
+    time. `laws` look like events and are none.
     """
 
     problem: Problem
     selection: Selection
     proposal: Proposal | None
     events: list[Found]
+    laws: tuple[MotionLaw, ...] = ()
 
     @property
     def fit(self) -> Fit:
@@ -68,8 +70,8 @@ def explain(
     Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
     form do without events, and leave little unexplained. `problem` and `selection` are without events.
     """
-    found = find(problem, selection.best, recordings)
-    without = Outcome(problem, selection, search(problem, selection, progress=progress), [])
+    found, laws = search_events(problem, selection.best, recordings)
+    without = Outcome(problem, selection, search(problem, selection, progress=progress), [], tuple(laws))
     if not found:
         return without
     if without.proposal is not None:
@@ -84,7 +86,7 @@ def explain(
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
         best = _beside(problem, found)
-        again = find(problem, best.fit, recordings)
+        again, laws = search_events(problem, best.fit, recordings)
         if _same(found, again):
             break
         found = again
@@ -98,6 +100,7 @@ def explain(
         selection,
         search(cleared, selection),
         sorted(best.events, key=lambda f: (f.event.recording, f.event.time)),
+        tuple(laws),
     )
 
 
@@ -240,6 +243,15 @@ def drift_shapes(
             )
         )
     return result
+
+
+def missing_laws(laws: Sequence[MotionLaw], names: Sequence[str]) -> list[MissingLaw]:
+    """Return the laws that look like events, each once."""
+    result: dict[tuple[int, str, tuple[str, ...]], MissingLaw] = {}
+    for law in laws:
+        key = law.recording, law.variable, law.quantities
+        result.setdefault(key, MissingLaw(names[law.recording], law.variable, law.quantities, law.score))
+    return list(result.values())
 
 
 def _sizes(problem: Problem, fit: Fit, found: Sequence[Found]) -> Iterator[tuple[Found, Event, float, float]]:

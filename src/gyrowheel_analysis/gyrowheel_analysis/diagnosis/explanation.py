@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from gyrowheel_analysis.diagnosis.event_dating import Found
 from gyrowheel_analysis.diagnosis.events import explain
+from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, settled
 from gyrowheel_analysis.fitting.fit import Fit
@@ -24,7 +25,8 @@ class Explanation:
     """The explanation of recordings: effects, an optional free form, and events.
 
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
-    `rejected` are terms that were found and make the prediction of unused data worse.
+    `rejected` are terms that were found and make the prediction of unused data worse. `laws` look like events and are
+    none, and nothing that was found describes them.
     """
 
     fitted: Prepared
@@ -33,6 +35,7 @@ class Explanation:
     proposal: Proposal | None
     happened: list[Found]
     rejected: tuple[str, ...] = ()
+    laws: tuple[MotionLaw, ...] = ()
 
     @property
     def problem(self) -> Problem:
@@ -69,4 +72,5 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
         proposal = settled(fitted.problem, proposal)
     weighed = replace(weighed, problem=weighed.problem.with_scales(fitted.problem.noise.scales))
-    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events)
+    laws = () if proposal is not None else outcome.laws
+    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, laws=laws)

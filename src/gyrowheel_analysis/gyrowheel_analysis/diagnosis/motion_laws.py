@@ -8,20 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import BURST_BESIDE, EVENT_COMMANDED
+from gyrowheel_analysis.diagnosis.dated_changes import Variable
 from gyrowheel_analysis.diagnosis.event_scan import chance
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import QUANTITIES, TOGETHER, Event, lead, unit_rows
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import SAME_SPEED, UPRIGHT, Windows, speed_groups
-
-#: On what a quantity depends; `history` is that of speed and tilt.
-Variable = Literal["offset", "speed", "tilt", "direction", "time", "history"]
 
 _SMALLEST = 0.02  # range of a course, over its largest value, below which it is a constant
 _WIDTHS = (0.03, 0.1, 0.3)  # of a bump or a resonance, over the range of the speeds
@@ -50,7 +47,7 @@ def law_instead(evidence: Evidence, events: Sequence[Event], score: float) -> Mo
     """Return the function of the motion that explains a recording as well as an event; None without one.
 
     `score` is that of the event. A step with hardly anything before it is an offset. An event whose edges all lie on
-    changes of the commanded speed or tilt must be better by more than others: few events of all happen then.
+    changes of the commanded speed must be better by more than others: few events of all happen then.
     """
     first = events[0]
     windows = evidence.problem.balances[first.recording].windows

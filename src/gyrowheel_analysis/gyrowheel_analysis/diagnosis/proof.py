@@ -167,6 +167,14 @@ class _Prediction:
             for name, own in places_of(balances).items()
         }
 
+    def cost_of(self, rows: NDArray[np.int64], *, exact: bool) -> float:
+        """Return minus twice the log likelihood of some rows; `exact` takes the prediction as such."""
+        white, spread = self.white[rows], self._spread[rows]
+        if exact:
+            return float(white @ white)
+        inner = np.eye(spread.shape[1]) + spread.T @ spread
+        return _by_both(white, spread) + float(np.linalg.slogdet(inner)[1])
+
     @property
     def judged(self) -> float:
         """Chi-squared by noise and uncertainty of the prediction."""
@@ -177,6 +185,21 @@ def predictive_cost(problem: Problem, fit: Fit) -> float:
     """Return minus twice the log likelihood of unseen recordings, by noise and the uncertainty of a fit to others."""
     seen = _Prediction(problem, fit)
     return seen.judged + seen.log_determinant
+
+
+def costs_by_channel(problem: Problem, fit: Fit, *, exact: bool = False) -> Unseen:
+    """Return the same for the rows of every channel alone, with their number.
+
+    `exact` takes the prediction as exact: a vague one is not excused.
+    """
+    seen = _Prediction(problem, fit)
+    places = places_of(problem.balances)
+    return {name: (seen.cost_of(own, exact=exact), own.size) for name, own in places.items()}
+
+
+def left_out_by_channel(problem: Problem, fit: Fit) -> list[Unseen]:
+    """Return chi-squared of every channel as predicted from the rest of a recording, for each kind of its parts."""
+    return [_predicted(problem, fit, parts).channels for parts in parts_left_out(problem).values()]
 
 
 def _validated(

@@ -13,7 +13,7 @@ from gyrowheel_analysis.reduction.windows import Coverage
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
-    from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape
+    from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
     from gyrowheel_analysis.diagnosis.estimates import Beyond, DetectionLimit, Misstated, NuisanceEstimate
     from gyrowheel_analysis.diagnosis.findings import (
         EffectFinding,
@@ -70,6 +70,8 @@ class Diagnosis:
     turned : tuple of DatedEvent
         Changes of the torque along the tilt that a turning of the rig explains as well, where a recording does not
         state how it stood; part of the fit like events.
+    laws : tuple of MissingLaw
+        What looks like events and is a law of the motion, or an offset, that nothing found describes.
     drift_shapes : tuple of DriftShape
         Drifts with a shape, which are part of the fit like events.
     readings : tuple of ReadingFinding
@@ -117,6 +119,7 @@ class Diagnosis:
     limits: tuple[DetectionLimit, ...] = ()
     events: tuple[DatedEvent, ...] = ()
     turned: tuple[DatedEvent, ...] = ()
+    laws: tuple[MissingLaw, ...] = ()
     drift_shapes: tuple[DriftShape, ...] = ()
     readings: tuple[ReadingFinding, ...] = ()
     hum_unknown: tuple[tuple[str, str], ...] = ()

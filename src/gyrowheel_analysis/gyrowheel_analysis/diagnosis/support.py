@@ -5,13 +5,14 @@ Effects are cross-validated as they are selected. Here the free form is, and on 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gyrowheel_analysis.criteria import WORSE_ELSEWHERE
+from gyrowheel_analysis.criteria import CHANNEL_CHANCE, WORSE_ELSEWHERE
 from gyrowheel_analysis.diagnosis.events import as_events, unused_events
 from gyrowheel_analysis.diagnosis.explanation import Explanation
-from gyrowheel_analysis.diagnosis.proof import predictive_cost
+from gyrowheel_analysis.diagnosis.proof import Unseen, costs_by_channel, left_out_by_channel, predictive_cost
 from gyrowheel_analysis.diagnosis.selection import survives_cross_validation
 from gyrowheel_analysis.diagnosis.unknown import kind_of
 from gyrowheel_analysis.fitting.fit import Fit, Term
@@ -25,7 +26,12 @@ def supported(explanation: Explanation, validate: Sequence[Recording]) -> Explan
     if proposal is not None:
         problem = explanation.problem
         without = problem.fit(proposal.kept, proposal.fit)
-        if not survives_cross_validation(problem, without, proposal.fit, proposal.term):
+        if not survives_cross_validation(problem, without, proposal.fit, proposal.term) or any(
+            _excess(with_form, plain) > 1.0
+            for with_form, plain in zip(
+                left_out_by_channel(problem, proposal.fit), left_out_by_channel(problem, without), strict=True
+            )
+        ):
             explanation = _without(explanation, proposal.term)
     while (term := _worst_elsewhere(explanation, validate)) is not None:
         explanation = _without(explanation, term)
@@ -41,32 +47,58 @@ def _worst_elsewhere(explanation: Explanation, validate: Sequence[Recording]) ->
     without = {t: problem.fit(tuple(own for own in best.terms if own != t), best) for t in best.terms}
     form = None if explanation.proposal is None else explanation.proposal.term
     losses = _losses(other, best, without, form)
-    if max(losses.values()) > WORSE_ELSEWHERE:
+    if max(losses.values()) > 1.0:
         # what happened there is no fault of the terms
         events = as_events(
             unused_events(replace(validation, problem=other), best, validate), [str(r.path) for r in validate]
         )
         losses = _losses(other.with_events(events), best, without, form) if events else losses
     term = max(losses, key=lambda own: losses[own])
-    return term if losses[term] > WORSE_ELSEWHERE else None
+    return term if losses[term] > 1.0 else None
 
 
 def _losses(other: Problem, best: Fit, without: dict[Term, Fit], form: Term | None) -> dict[Term, float]:
-    """Return by how much the prediction of other recordings is less likely with a term, for every term.
+    """Return by how much the prediction of other recordings is less likely with a term, over what chance explains.
 
-    A prediction that is vague, as the fit does not determine it, does not speak against an effect. A free form is no
-    physics: it must predict by itself.
+    All rows count, and those of every channel alone. A prediction that is vague, as the fit does not determine it, does
+    not speak against an effect; nor does a channel in which more is missing. A free form is no physics: it must predict
+    by itself, in every channel.
     """
 
     def plain(fit: Fit) -> float:
         white = other.noise.whiten(other.measured - other.predict(fit))
         return float(white @ white)
 
-    now, error = predictive_cost(other, best), plain(best)
-    losses = {term: now - predictive_cost(other, fit) for term, fit in without.items()}
-    if form is not None:
-        losses[form] = max(losses[form], error - plain(without[form]))
+    now, error, channels = predictive_cost(other, best), plain(best), costs_by_channel(other, best)
+    losses = {}
+    for term, fit in without.items():
+        loss = (now - predictive_cost(other, fit)) / WORSE_ELSEWHERE
+        if term == form:
+            loss = max(loss, (error - plain(fit)) / WORSE_ELSEWHERE)
+            loss = max(
+                loss,
+                _excess(costs_by_channel(other, best, exact=True), costs_by_channel(other, fit, exact=True)),
+            )
+        else:
+            loss = max(loss, _excess(channels, costs_by_channel(other, fit), missing=True))
+        losses[term] = loss
     return losses
+
+
+def _excess(with_term: Unseen, without: Unseen, *, missing: bool = False) -> float:
+    """Return by how much a term makes the worst channel less likely, over what chance explains.
+
+    Chance makes the right one of two predictions less likely by t in twice the log likelihood with a probability of at
+    most exp(-t / 2). With `missing`, a misfit that both leave counts as noise.
+    """
+    limit = 2.0 * math.log(max(len(with_term), 1) / CHANNEL_CHANCE)
+    return max(
+        (
+            (cost - without[name][0]) / (limit * (max(without[name][0] / n, 1.0) if missing else 1.0))
+            for name, (cost, n) in with_term.items()
+        ),
+        default=0.0,
+    )
 
 
 def _without(explanation: Explanation, term: Term) -> Explanation:

@@ -11,6 +11,7 @@ from gyrowheel.show.sentences.findings import (
     drift_sentence,
     event_sentences,
     instrument_sentence,
+    law_sentence,
     shape_sentence,
     turned_sentences,
 )
@@ -105,6 +106,7 @@ def verdict_sentence(found: Diagnosis) -> str:
     said = [beyond_sentence(item) for item in found.beyond]
     said += turned_sentences(found.turned, several=several(found))
     said += event_sentences(found.events, several=several(found))
+    said += [law_sentence(law, several=several(found)) for law in found.laws]
     said += [shape_sentence(shape, several=several(found)) for shape in found.drift_shapes]
     drift = drift_sentence(found.drift_scales, shaped=bool(found.drift_shapes or found.events))
     conflicts = (

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from gyrowheel_core.quantities import decimal, listed, pair, quantity, short, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape
+    from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
     from gyrowheel_analysis.diagnosis.findings import InstrumentFinding
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 
@@ -65,6 +66,14 @@ _DRIFTS = {
     "coil_voltage": "coil voltages",
     "motor_current": "motor current",
     "motor_voltage": "motor voltage",
+}
+_SIZED = re.compile(r" of \{\}| \(size[^)]*\)")
+_MOTION = {
+    "speed": "speed",
+    "tilt": "tilt",
+    "direction": "direction of the tilt",
+    "time": "time since the start",
+    "history": "earlier speeds and tilts",
 }
 _TEMPERATURES = {
     "coil_temperature": "temperature of the coils",
@@ -200,7 +209,7 @@ def tie_of_event(event: DatedEvent) -> str:
     """Return the alternatives to an event; empty without alternatives."""
     if not event.ties:
         return ""
-    names = [_WHAT[name].replace(" of {}", "").rstrip(",") for name in event.ties]
+    names = [_SIZED.sub("", _WHAT[name]).rstrip(",") for name in event.ties]
     begin = _time(event.time, event.time_error)
     return (
         f"what began at {begin} could also be {listed(names, 'or')}: these recordings do not tell them apart"
@@ -223,6 +232,19 @@ def turned_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> 
             "neither can be concluded."
         )
     return said
+
+
+def law_sentence(law: MissingLaw, *, several: bool = False) -> str:
+    """Return a law that looks like events; `several` as in `event_sentences`."""
+    names = [_SIZED.sub("", _WHAT[name]) for name in law.channels]
+    what = listed([*(name.rstrip(",") for name in names[:-1]), names[-1]], "and")
+    where = f" in {law.recording}" if several else ""
+    one = len(law.channels) == 1
+    verb, pronoun = ("is", "it begins and ends") if one else ("are", "they begin and end")
+    if law.depends_on == "offset":
+        return f"From the start there {verb} {what.rstrip(',')}{where}: an offset, no event."
+    depends = f"depend{'s' if one else ''} on the {_MOTION[law.depends_on]}"
+    return f"There {verb} {what}{where} that {depends}: {pronoun} with the commands, no event."
 
 
 def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:
