@@ -95,6 +95,15 @@ _REFUSED = (
     "-k*z*",
     "k*__import__('os')",
 )
+_REFUSED_STATES = (
+    "-k*z; d(s)/dt = (z - s)/tau; tau = 5 +- 3 [s]",
+    "-k*s; d(s)/dt = (z - q1)/tau; q1 [m]; tau = 5 +- 3 [s]",
+    "-k*s; d(s)/dt = -s/tau; s(0) = z_ref; tau = 5 +- 3 [s]",
+    "-k*s; d(s)/dt = (z + s)/tau; tau = 0.5 +- 0.1 [s]",
+    "-k*s; d(s)/dt = (z - s)/tau; tau = 0.1e-3 +- 0.01e-3 [s]",
+    "coil_gain = k*s; d(s)/dt = (z - s)/tau; tau = 5 +- 3 [s]",
+    "tilt_delay = k*s; d(s)/dt = (|z| - s)/tau; tau = 5 +- 3 [s]",
+)
 #: What the error of a bench parameter does to the torques.
 _ERROR_SIGNS = {
     "stiffness_error": "It adds a torque in proportion to the tilt and in phase with it, the same at every speed.",
@@ -195,14 +204,22 @@ def _effect_lines(effect: Effect, picture: Signature | None, bench: Bench) -> It
     yield f"\n{_MADE}\n"
     yield f"**{_upper(effect.title)}.** {effect.sentence}"
     yield "\n## Law\n"
-    for law, text in zip(effect.laws, effect.formula.split("; "), strict=True):
+    typed = iter(effect.formula.split("; "))
+    for law in effect.laws:
         yield f"{_upper(in_words(law.target))}:\n"
         yield f"$${latex(law.expression)}$$\n"
-        yield f"Typed: `{text}`\n"
+        yield f"Typed: `{next(typed)}`\n"
+    for state in effect.states:
+        start = f" It is ${latex(state.start)}$ at the first sample." if state.start != 0 else ""
+        own = " of each flexure" if effect.each_flexure else ""
+        yield f"The law remembers ${_symbol(state.name)}${own} [{_unit(state.unit)}], which changes by\n"
+        yield f"$$\\frac{{d {_symbol(state.name)}}}{{dt}} = {latex(state.rate)}$$\n"
+        yield f"Typed: `{'; '.join(itertools.islice(typed, 1 + (state.start != 0)))}`.{start}\n"
     yield f"It acts on {_and(_acts_on(effect))}.\n"
     yield "| symbol | typed | unit | meaning |"
     yield "|---|---|---|---|"
-    used = {s.name for law in effect.laws for s in law.expression.free_symbols}
+    every = [law.expression for law in effect.laws] + [e for s in effect.states for e in (s.rate, s.start)]
+    used = {s.name for expression in every for s in expression.free_symbols}
     for name, known in QUANTITIES.items():
         if name in used:
             yield f"| ${_symbol(name)}$ | `{name}` | {_unit(known.unit)} | {_cell(known.description)} |"
@@ -371,7 +388,9 @@ def tables() -> dict[str, str]:
     functions += [f"| `{name}` | {_cell(_FUNCTIONS[name])} |" for name in FUNCTIONS]
     refused = ["| typed | answer |", "|---|---|"]
     refused += [f"| `{_cell(text)}` | {_cell(_refusal(text))} |" for text in _REFUSED]
+    states = refused[:2] + [f"| `{_cell(text)}` | {_cell(_refusal(text))} |" for text in _REFUSED_STATES]
     named = {"quantities": quantities, "targets": targets, "functions": functions, "refused": refused}
+    named["refused states"] = states
     named |= {"benches": _bench_table()} | _momentum_tables() | _plan_tables() | {"reach": _reach()}
     named |= {"further pages": _further(), "environment": _environment()}
     return {name: "\n".join(lines) for name, lines in named.items()}
@@ -562,6 +581,7 @@ def made() -> Pages:
     for page in (
         "README.md",
         "formulas.md",
+        "memory.md",
         "momentum.md",
         "benches.md",
         "plans.md",

@@ -51,6 +51,7 @@ PAGES: Final = (
             "import",
             "instruments",
             "investigate",
+            "memory",
             "paper",
             "python",
             "recordings",

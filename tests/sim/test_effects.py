@@ -138,7 +138,7 @@ class Law:
         instant = Instant(*(given[name] for name in Instant._fields))
         outputs: dict[str, complex] = {}
         for function in compiled_laws():
-            outputs |= function(*self.arrays, instant)._asdict()
+            outputs |= function(*self.arrays, np.zeros(0), instant)._asdict()
         return outputs
 
 

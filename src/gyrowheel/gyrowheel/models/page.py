@@ -109,7 +109,7 @@ def _changed_effect(name: str, old: Model, new: Model) -> Iterator[Text]:
         for key in after:
             if before.get(key) != after[key]:
                 yield Text(f"~ {name} {key}  {before.get(key, '–')} → {after[key]}", style="yellow")
-        if old.library[name].laws != new.library[name].laws:
+        if old.library[name].formula != new.library[name].formula:
             yield Text(f"~ {name} law  {pretty(new.library[name].formula)}", style="yellow")
         return
     model, sign, style = (old, "−", "red") if name in old.effects else (new, "+", "green")

@@ -39,8 +39,10 @@ def pretty(formula: str) -> str:
 
 
 def in_words(target: str) -> str:
-    """Return the target of a law in a few words."""
-    return TARGETS[target].words if target in TARGETS else target.replace("_", " ")
+    """Return the target of a law in a few words; the left side of the rate or the start value of a state as it is."""
+    if target in TARGETS:
+        return TARGETS[target].words
+    return target if "(" in target else target.replace("_", " ")
 
 
 def plain(text: str) -> str:
@@ -81,7 +83,7 @@ def typeset(formula: str) -> Markup:
         if equals and parts.kind == "number":  # the start value of a coefficient
             declared.append(pretty(part.replace("+-", "±")))
             continue
-        acts = Markup("<mtext>{}</mtext><mo>=</mo>").format(in_words(target)) if equals else Markup()
+        acts = Markup("{}<mo>=</mo>").format(_left(target)) if equals else Markup()
         laws.append(
             Markup('<math displaystyle="true" alttext="{}">{}{}</math>').format(
                 pretty(part), acts, _row([_shown(parts)[0]])
@@ -89,6 +91,14 @@ def typeset(formula: str) -> Markup:
         )
     lines = [*laws, *([escape("; ".join(declared))] if declared else [])]
     return Markup("<br>").join(lines)
+
+
+def _left(target: str) -> Markup:
+    """Return the left side of a law: its target in words, or the derivative of a state."""
+    if state := re.fullmatch(r"d\((\w+)\)/dt", target):
+        top = Markup("<mi>d</mi>{}").format(_symbol(state[1]))
+        return Markup("<mfrac><mrow>{}</mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>").format(top)
+    return Markup("<mtext>{}</mtext>").format(in_words(target))
 
 
 def _shown(node: Node) -> tuple[Markup, int]:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.balance.history import History
 from gyrowheel_analysis.balance.instruments import Instruments
 from gyrowheel_analysis.balance.motion import Motion, mean, summed
 from gyrowheel_analysis.balance.rows import measured_rows, predicted_rows
@@ -192,6 +193,9 @@ class Balance:
         values, by the part that each has of them (`Motion`).
     phase_error : float
         Uncertainty of the angle from window to window [rad].
+    history : History, optional
+        The whole motion of the recording, for laws with a memory; without it what lies between the windows is taken as
+        straight.
 
     Attributes
     ----------
@@ -213,6 +217,7 @@ class Balance:
         absent: Set[str] = frozenset(),
         assumed: Mapping[str, float] | None = None,
         phase_error: float = 0.0,
+        history: History | None = None,
     ) -> None:
         self.bench = bench
         self.windows = without_noise(windows) if clean else windows
@@ -223,7 +228,7 @@ class Balance:
         self._channels = tuple(channel for channel in every if measurable(channel, absent))
         self.rows = tuple(row for channel in self._channels for row in measurable(channel, absent))
         self._kept = frozenset(self.rows)
-        self.motion = Motion(self.windows, bench, self.assumed)
+        self.motion = Motion(self.windows, bench, self.assumed, history)
         self._response: RippleResponse | None = None
         self._derivatives: dict[str, Array] = {}
 
@@ -274,6 +279,7 @@ class Balance:
             harmonics=self.harmonics,
             absent=self.absent,
             assumed=self.assumed,
+            history=self.motion.history,
         )
         return raw.measured - raw.predicted(values, effects) + self.predicted(values, effects)
 
@@ -314,7 +320,7 @@ class Balance:
         own: Laws = {}
         if any(laws_on(effects, INSTRUMENT)):
             known = self.motion.quantities_at(self.motion.spin, values) | AT_REST
-            own = evaluated(effects, known, INSTRUMENT)
+            own = evaluated(effects, self.motion, known, INSTRUMENT)
         return self.motion.undone(Instruments.of(values, own))
 
     def instants(
@@ -366,7 +372,9 @@ class Balance:
         new, old = (
             {}
             if given is None
-            else evaluated([ActiveEffect(effect, given)], at.quantities, AFTER | INSTRUMENT, at.joint)
+            else evaluated(
+                [ActiveEffect(effect, given)], at.motion, at.quantities, AFTER | INSTRUMENT, at.joint
+            )
             for given in (after, before)
         )
         state = replace(at, laws=replaced(at.laws, new, old))

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_analysis.balance.history import History
 from gyrowheel_analysis.balance.instruments import Held, Instruments
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.quantities import REFERENCES
 
 Array = NDArray[np.float64]
@@ -75,6 +77,8 @@ class Motion:
     assumed : mapping of str to float
         Temperatures and pressure that were never taken, each with its part of the static error of the bench for its
         instrument. Where they were measured, that error is far too small to show in any effect.
+    history : History, optional
+        The whole motion of the recording; without it what lies between the windows is taken as straight.
 
     Attributes
     ----------
@@ -108,8 +112,15 @@ class Motion:
         Rate of the table about the vertical [rad/s].
     """
 
-    def __init__(self, windows: Windows, bench: Bench, assumed: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        windows: Windows,
+        bench: Bench,
+        assumed: Mapping[str, float] | None = None,
+        history: History | None = None,
+    ) -> None:
         w = self._windows = windows
+        self.history = history or History(windows, bench)
         self._bench, self._assumed = bench, dict(assumed or {})
         half = 0.5 * w.duration[:, None]
         ripple_order = self._ripple_order = bench.value("motor_ripple_order")
@@ -178,6 +189,10 @@ class Motion:
         ripple = w.current_ripple[:, None] * np.exp(1j * self._ripple_order * self._phases)
         self.current_ripple = turning + 2.0 * ripple.real[:, None, :]
         self.quantities = {**self.quantities, "i_motor": w.motor_current[:, None, None] + turning}
+
+    def remembered(self, effect: Effect, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return the states of an effect with these coefficients, by name; a pair where each flexure has its own."""
+        return self.history.states(effect, values, NODES, self._phases) if effect.states else {}
 
     def undone(self, instruments: Instruments) -> Motion:
         """Return the true motion, if these are readings of some instruments.

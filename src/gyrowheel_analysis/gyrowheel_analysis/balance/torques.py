@@ -76,34 +76,33 @@ def laws_on(
 
 def evaluated(
     effects: Sequence[ActiveEffect],
+    motion: Motion,
     quantities: Mapping[str, Any],
     targets: frozenset[str],
     joint: Joint | None = None,
 ) -> Laws:
     """Return the sum of the laws on some targets.
 
-    `quantities` are those of the laws, by the names of `effects.quantities`; `joint` has the angles of the flexures,
-    for targets with a law for each of them.
+    `motion` has what effects remember; `quantities` are those of the laws, by the names of `effects.quantities`;
+    `joint` has the angles of the flexures, for targets with a law for each of them.
     """
     result: dict[str, Any] = {}
     for active, index, law in laws_on(effects, targets):
         function = array_law(active.effect, index)
         target = TARGETS[law.target]
+        memory = motion.remembered(active.effect, active.values)
         if target.each_flexure:
             assert joint is not None  # such targets come after the motion
             angles = (1.0, joint.theta_x, joint.theta_x_rate), (-1.0, joint.theta_y, joint.theta_y_rate)
-            values = [
-                np.real(
-                    function(
-                        {**quantities, **active.values, "theta": angle, "theta_rate": rate, "axis": axis}
-                    )
-                )
-                for axis, angle, rate in angles
-            ]
+            values = []
+            for side, (axis, angle, rate) in enumerate(angles):
+                own = {name: pair[side] for name, pair in memory.items()}
+                own |= {"theta": angle, "theta_rate": rate, "axis": axis}
+                values.append(np.real(function({**quantities, **active.values, **own})))
             so_far = result.get(target.name, (0.0, 0.0))
             result[target.name] = tuple(a + b for a, b in zip(so_far, values, strict=True))
             continue
-        value = function({**quantities, **active.values, **NO_JOINT})
+        value = function({**quantities, **active.values, **memory, **NO_JOINT})
         result[target.name] = result.get(target.name, 0.0) + (value if target.complex else np.real(value))
     return result
 
@@ -163,7 +162,8 @@ def tilt_reading_error(
     second: Any = 0.0j
     for active, index, law in laws_on(effects, READING):
         function = array_law(active.effect, index)
-        fixed = {**q, **active.values, **NO_JOINT}
+        # what is remembered changes slowly
+        fixed = {**q, **active.values, **motion.remembered(active.effect, active.values), **NO_JOINT}
         moving = law.expression.free_symbols & _MOVING
         if not moving:
             error = error + function({**fixed, **AT_REST})
@@ -245,7 +245,7 @@ def required_torques(
     phi, phi_rate, phi_acc = motion.instruments.true_tilt(
         (motion.tilt - bias - error) / scale, (tilt_rate - error_rate) / scale, (tilt_acc - error_acc) / scale
     )
-    ahead = evaluated(effects, q | AT_REST, AHEAD)
+    ahead = evaluated(effects, motion, q | AT_REST, AHEAD)
     points = _inverse(motion, (phi, phi_rate, phi_acc), rate, acceleration, values, ahead)
     q["z"], q["z_rate"] = points.tilt_x + 1j * points.tilt_y, points.tilt_rate_x + 1j * points.tilt_rate_y
     axis = SpinAxis(points.axis_x + 1j * points.axis_y, points.axis_z)
@@ -260,7 +260,11 @@ def required_torques(
         theta_y_rate=points.theta_rate_y,
         inertial=(points.inertial_x, points.inertial_y, points.inertial_z),
     )
-    laws = {**evaluated(effects, q, AFTER, joint), **ahead, **evaluated(effects, q, INSTRUMENT)}
+    laws = {
+        **evaluated(effects, motion, q, AFTER, joint),
+        **ahead,
+        **evaluated(effects, motion, q, INSTRUMENT),
+    }
     own = bench_torques({name: changed(laws, values, name) for name in TORQUE_PARAMETERS}, rate, joint)
     forces = _forces(
         joint, axis, q["z"], added(laws, values, "across", start=own.across), added(laws, values, "along")

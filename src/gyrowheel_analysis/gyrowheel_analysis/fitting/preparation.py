@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.balance.history import History
 from gyrowheel_analysis.channels import unphased
 from gyrowheel_analysis.criteria import FEWEST_WINDOWS, MAP_MARGIN, MAP_WARMER, OTHER_MACHINE
 from gyrowheel_analysis.fitting.fit import Fit, Unknowns
@@ -250,7 +251,7 @@ def _reduced(
     """
     require_one_bench(recordings, model)
     bench = model.reference_bench
-    every_windows, coverages, shown, absent = [], [], [], []
+    every_windows, coverages, shown, absent, every_samples = [], [], [], [], []
     for recording in recordings:
         if progress:
             progress(f"reducing {recording.name}")
@@ -262,6 +263,7 @@ def _reduced(
         coverages.append(own.coverage)
         shown.append(own.shown)
         every_windows.append(own.windows)
+        every_samples.append(samples)
     every = [*shown, *elsewhere]
     balances = [
         Balance(
@@ -271,8 +273,11 @@ def _reduced(
             absent=lacks,
             assumed=shares(_assumed(recording), errors),
             phase_error=_phase_error(recording),
+            history=History(windows, bench, samples),
         )
-        for recording, looked, windows, lacks in zip(recordings, shown, every_windows, absent, strict=True)
+        for recording, looked, windows, lacks, samples in zip(
+            recordings, shown, every_windows, absent, every_samples, strict=True
+        )
     ]
     return balances, Coverage.of(coverages), shown
 

@@ -20,6 +20,15 @@ COMPONENTS: dict[sp.Symbol, tuple[sp.Symbol, sp.Symbol]] = {
 Parts = tuple[sp.Expr, sp.Expr]
 
 
+def components(symbol: sp.Symbol) -> tuple[sp.Symbol, ...]:
+    """Return the real symbols that stand for a symbol: its two components, or itself."""
+    if symbol in COMPONENTS:
+        return COMPONENTS[symbol]
+    if symbol.is_real:
+        return (symbol,)
+    return sp.Symbol(f"{symbol.name}_x", real=True), sp.Symbol(f"{symbol.name}_y", real=True)
+
+
 class ComplexArgumentError(ValueError):
     """A function or a power that is defined for real numbers alone was given a complex one."""
 
@@ -57,8 +66,9 @@ def is_real(expression: sp.Expr, memo: dict[sp.Expr, Parts] | None = None) -> bo
 
 def _split(e: sp.Expr, memo: dict[sp.Expr, Parts]) -> Parts:
     zero = sp.S.Zero
-    if e in COMPONENTS:
-        return COMPONENTS[e]
+    if e.is_Symbol:
+        own = components(e)
+        return (own[0], own[1]) if len(own) == 2 else (e, zero)
     if e is sp.I:
         return zero, sp.S.One
     if e.is_Atom:

@@ -10,6 +10,7 @@ from typing import Literal
 import sympy as sp
 
 from gyrowheel_core.units import require_unit
+from gyrowheel_sim.effects.complex_parts import components
 from gyrowheel_sim.effects.formula import to_text
 from gyrowheel_sim.effects.grammar import RESERVED
 from gyrowheel_sim.effects.quantities import QUANTITIES
@@ -85,6 +86,36 @@ class Law:
 
 
 @dataclass(frozen=True)
+class LawState:
+    """A state of an effect, by which its laws remember what was before.
+
+    Attributes
+    ----------
+    name : str
+        Its name in the laws.
+    unit : str
+        SI unit.
+    rate : sympy expression
+        Its derivative by time: of quantities, coefficients and states.
+    start : sympy expression
+        Its value at the first sample: of quantities and coefficients.
+    complex : bool
+        Whether it is x + i y in case axes.
+    """
+
+    name: str
+    unit: str
+    rate: sp.Expr
+    start: sp.Expr = sp.S.Zero
+    complex: bool = False
+
+    @property
+    def symbol(self) -> sp.Symbol:
+        """The symbol that stands for it in laws and rates."""
+        return sp.Symbol(self.name, complex=True) if self.complex else sp.Symbol(self.name, real=True)
+
+
+@dataclass(frozen=True)
 class Effect:
     """A physical effect: laws, coefficients, validity, source."""
 
@@ -103,6 +134,7 @@ class Effect:
     #: components of one vector. None where there is no limit.
     greatest: float | None = None
     directions: tuple[str, str] | None = None
+    states: tuple[LawState, ...] = ()  # what the laws remember
 
     def __post_init__(self) -> None:
         """Refuse a declaration that contradicts itself."""
@@ -111,12 +143,25 @@ class Effect:
             raise ValueError(f"effect {self.name}: coefficients need distinct names")
         if taken := set(names) & RESERVED:
             raise ValueError(f"effect {self.name}: a coefficient has the name {min(taken)}, which is taken")
+        taken = {*names, *RESERVED}
+        for state in self.states:
+            own = {state.name, *(part.name for part in components(state.symbol))}
+            if own & taken:
+                raise ValueError(
+                    f"effect {self.name}: a state has the name {min(own & taken)}, which is taken"
+                )
+            taken |= own
         known = {q.symbol for q in QUANTITIES.values()} | {c.symbol for c in self.coefficients}
+        remembered = {state.symbol for state in self.states}
+        expressions = [(law.expression, known | remembered) for law in self.laws]
+        expressions += [(state.rate, known | remembered) for state in self.states]
+        expressions += [(state.start, known) for state in self.states]
+        for expression, allowed in expressions:
+            if stray := expression.free_symbols - allowed:
+                raise ValueError(f"effect {self.name}: unknown symbols {sorted(map(str, stray))}")
         for law in self.laws:
             if law.target not in TARGETS:
                 raise ValueError(f"effect {self.name}: unknown target {law.target}")
-            if stray := law.expression.free_symbols - known:
-                raise ValueError(f"effect {self.name}: unknown symbols {sorted(map(str, stray))}")
         for c in self.coefficients:
             require_unit(c.unit)
             low, high = c.physical
@@ -149,5 +194,15 @@ class Effect:
 
     @property
     def formula(self) -> str:
-        """The laws as one line of text, which `formula.read` reads back law by law."""
-        return "; ".join(f"{law.target} = {to_text(law.expression)}" for law in self.laws)
+        """The laws as one line of text, which `formula.read` reads back law by law; rates of states follow."""
+        parts = [f"{law.target} = {to_text(law.expression)}" for law in self.laws]
+        for state in self.states:
+            parts.append(f"d({state.name})/dt = {to_text(state.rate)}")
+            if state.start != 0:
+                parts.append(f"{state.name}(0) = {to_text(state.start)}")
+        return "; ".join(parts)
+
+    @property
+    def each_flexure(self) -> bool:
+        """Whether each flexure has its own states, which follow its own angle and rate."""
+        return all(TARGETS[law.target].each_flexure for law in self.laws)

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Any
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import unit_registry
@@ -132,12 +133,24 @@ def check_effect(effect: Effect) -> None:
     units.
     """
     units = {c.name: c.unit for c in effect.coefficients}
+    units |= {state.name: state.unit for state in effect.states}
+    two = [state.name for state in effect.states if state.complex]
+    wanted: list[tuple[str, Any, str | Unit]] = []
     for law in effect.laws:
-        formula = read(to_text(law.expression), list(units), f"{effect.name}.{law.target}")
-        check_unit(formula, units, TARGETS[law.target].unit)
+        wanted += [(law.target, law.expression, TARGETS[law.target].unit)]
+    for state in effect.states:
+        wanted += [(f"d({state.name})/dt", state.rate, rate_unit(state.unit))]
+        wanted += [(f"{state.name}(0)", state.start, state.unit)]
+    for place, expression, unit in wanted:
+        check_unit(read(to_text(expression), list(units), f"{effect.name}.{place}", two), units, unit)
 
 
-def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str) -> None:
+def rate_unit(unit: str | None) -> str | Unit:
+    """Return the unit of the rate of a state; None for a state whose unit is asked for."""
+    return Unit({_UNKNOWN: Fraction(1)}) / Unit.of("s") if unit is None else f"{unit}/s"
+
+
+def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str | Unit) -> None:
     """Check that a formula has a unit.
 
     `units`: units of the coefficients in it; None for the one whose unit is asked for. `wanted`: unit that
@@ -149,7 +162,7 @@ def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str) -
     known |= {name: Unit({_UNKNOWN: Fraction(1)}) if u is None else Unit.of(u) for name, u in units.items()}
     checker = _Checker(formula, known)
     found = checker.unit(formula.node)
-    target = Unit.of(wanted)
+    target = Unit.of(wanted) if isinstance(wanted, str) else wanted
     if found is not None and not checker.same(found, target):
         raise formula.error(
             formula.node, f"'{formula.shown(formula.node)}' has the unit {found}; {target} is needed"

@@ -140,6 +140,16 @@ class Formula:
     where: str
     node: Node
     expression: sp.Expr = field(compare=False)
+    two: frozenset[str] = frozenset()  # names of complex numbers besides the quantities
+
+    @property
+    def real(self) -> bool:
+        """Whether it is real; raises InputError if a part of it would have to be real, and is not."""
+        try:
+            return is_real(self.expression)
+        except ComplexArgumentError as error:
+            part = shortened(to_text(error.argument), 60)
+            raise self.error(self.node, f"'{part}' is complex where a real number is needed") from None
 
     def error(self, node: Node, message: str) -> InputError:
         """Return the error that names a place in this formula."""
@@ -158,7 +168,7 @@ class Formula:
             If it has no value any more.
         """
         node = _replaced(self.node, numbers)
-        return Formula(self.text, self.where, node, _Builder(self.text, self.where).build(node))
+        return replace(self, node=node, expression=_Builder(self.text, self.where, self.two).build(node))
 
     def value(self, node: Node) -> float:
         """Return the value of a part that is made of numbers alone."""
@@ -186,20 +196,24 @@ def parse(text: str, names: Collection[str] = (), where: str = "formula") -> sp.
     return read(text, names, where).expression
 
 
-def read(text: str, names: Collection[str] = (), where: str = "formula") -> Formula:
-    """Return a formula with the places of its parts; see `parse`."""
+def read(
+    text: str, names: Collection[str] = (), where: str = "formula", two: Collection[str] = ()
+) -> Formula:
+    """Return a formula with the places of its parts; see `parse`. `two` are the names of complex numbers."""
     if not isinstance(text, str):
         raise InputError(f"{where}: {shortened(repr(text))} is not a formula; a text is expected")
     if len(text) > MAX_LENGTH:
         raise InputError(f"{where}: the formula has {len(text)} characters; allowed: up to {MAX_LENGTH}")
     node = parts_of(text, names, where)
-    size, _ = _size(node)
+    size, _ = _size(node, {*_COMPLEX_NAMES, *two})
     if size > MAX_SIZE:
         raise InputError(
             f"{where}: the formula is too complicated: it needs {size} operations, allowed: {MAX_SIZE}; "
             "lower a power of a complex number, or multiply fewer of them"
         )
-    return Formula(text, where, node, _settled(_Builder(text, where).build(node), frozenset(names)))
+    complex_ = frozenset(two)
+    expression = _settled(_Builder(text, where, complex_).build(node), frozenset(names), complex_)
+    return Formula(text, where, node, expression, complex_)
 
 
 def _replaced(node: Node, numbers: Mapping[str, int]) -> Node:
@@ -208,26 +222,29 @@ def _replaced(node: Node, numbers: Mapping[str, int]) -> Node:
     return replace(node, items=tuple(_replaced(item, numbers) for item in node.items))
 
 
-def _settled(expression: sp.Expr, names: frozenset[str]) -> sp.Expr:
+def _settled(expression: sp.Expr, names: frozenset[str], two: frozenset[str]) -> sp.Expr:
     """Return the expression as it reads after printing: SymPy simplifies some forms only when they are built again."""
     with contextlib.suppress(InputError):
         for _ in range(4):
             text = to_text(expression)
-            again = _Builder(text, "").build(parts_of(text, names, ""))
+            again = _Builder(text, "", two).build(parts_of(text, names, ""))
             if again == expression:
                 break
             expression = again
     return expression
 
 
-def _size(node: Node) -> tuple[int, bool]:
+_COMPLEX_NAMES = ("z", "z_rate", "i")
+
+
+def _size(node: Node, two: Collection[str]) -> tuple[int, bool]:
     """Return how large real and imaginary part will be, and whether there is an imaginary one.
 
     A product of complex numbers holds each of them twice, so products within products grow fast.
     """
     if not node.items:
-        return 1, node.name in ("z", "z_rate", "i")
-    parts = [_size(item) for item in node.items]
+        return 1, node.name in two
+    parts = [_size(item, two) for item in node.items]
     total, mixed = sum(size for size, _ in parts), any(part[1] for part in parts)
     if node.kind == "product" and mixed:
         real = sum(size for size, complex_ in parts if not complex_)
@@ -273,8 +290,8 @@ def _vanishes(node: Node, expression: sp.Expr) -> bool:
 class _Builder:
     """From the parts of a formula to a SymPy expression; what a computation could not use is refused."""
 
-    def __init__(self, text: str, where: str) -> None:
-        self.text, self.where = text, where
+    def __init__(self, text: str, where: str, two: frozenset[str] = frozenset()) -> None:
+        self.text, self.where, self.two = text, where, two
         self.memo: dict[sp.Expr, Parts] = {}
 
     def fail(self, node: Node, message: str) -> InputError:
@@ -299,6 +316,8 @@ class _Builder:
     def _name(self, node: Node) -> sp.Expr:
         if node.name in QUANTITIES:
             return QUANTITIES[node.name].symbol
+        if node.name in self.two:
+            return sp.Symbol(node.name, complex=True)
         return HANDY.get(node.name, sp.Symbol(node.name, real=True))
 
     def _sum(self, node: Node) -> sp.Expr:

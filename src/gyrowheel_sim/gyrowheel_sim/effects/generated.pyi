@@ -4,10 +4,27 @@ from typing import Any
 
 from gyrowheel_sim.effects.law_code import Action, Instant
 
-def evaluate_laws(coef: Any, active: Any, q: Instant) -> Any:
+LAW_MEMORY: int  # where in the state of the plant the states of the effects begin
+N_LAW_MEMORY: (
+    int  # their number; their rates and values in the middle of a sample follow, and whether they have begun
+)
+
+def remembers(active: Any) -> bool:
+    """Whether an active effect has a state."""
+
+def flexures_remember(active: Any) -> bool:
+    """Whether an active effect has a state for each flexure."""
+
+def law_rates(coef: Any, active: Any, state: Any, q: Instant) -> None:
+    """Write the rates of the states of the active effects into `state`, after the states."""
+
+def law_starts(coef: Any, active: Any, state: Any, q: Instant) -> None:
+    """Write the start values of the states of the active effects into `state`."""
+
+def evaluate_laws(coef: Any, active: Any, state: Any, q: Instant) -> Any:
     """Return the sum of the laws of each target, of all active effects, at an instant: fields named as the outputs."""
 
-def evaluate_samples(coef: Any, active: Any, q: Instant) -> Any:
+def evaluate_samples(coef: Any, active: Any, state: Any, q: Instant) -> Any:
     """Return the same of the targets that are evaluated once a sample."""
 
 def hold_samples(state: Any, laws: Any) -> None:

@@ -16,7 +16,7 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from gyrowheel_core import cache
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.complex_parts import split
+from gyrowheel_sim.effects.complex_parts import components, split
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.quantities import REFERENCES
 from gyrowheel_sim.effects.registry import EffectValues
@@ -96,13 +96,107 @@ def coefficient_arrays(
 # --- the laws of effects
 
 
-def laws_source(effects: Sequence[Effect]) -> str:
-    """Return the source of the functions that evaluate the laws of these effects; see `effects.generated`."""
-    return "\n\n".join(_function_source(effects, name) for name in FUNCTIONS)
+def memory_layout(effects: Sequence[Effect]) -> dict[tuple[str, str], range]:
+    """Return the places of each (effect, state) among all states: two of a complex one, or of one of each flexure."""
+    result, place = {}, 0
+    for effect in effects:
+        for state in effect.states:
+            count = 2 if state.complex or effect.each_flexure else 1
+            result[effect.name, state.name] = range(place, place + count)
+            place += count
+    return result
+
+
+def memory_size(effects: Sequence[Effect]) -> int:
+    """Return the numbers in the state of the plant that the states of effects need: see `memory_source`."""
+    return 3 * sum(map(len, memory_layout(effects).values())) + 1
+
+
+def laws_source(effects: Sequence[Effect], memory_start: int = 0) -> str:
+    """Return the source of the functions that evaluate the laws of these effects; see `effects.generated`.
+
+    `memory_start` is where in the state of the plant the states of the effects begin.
+    """
+    functions = [_function_source(effects, name, memory_start) for name in FUNCTIONS]
+    return "\n\n".join([*functions, memory_source(effects, memory_start)])
+
+
+def memory_source(effects: Sequence[Effect], memory_start: int = 0) -> str:
+    """Return the source of the functions for the states of these effects; see `effects.generated`.
+
+    The state of the plant has the value of every state, its rate, its value in the middle of the sample, and one number
+    that says whether they have begun.
+    """
+    count = sum(map(len, memory_layout(effects).values()))
+    indices = [str(k) for k, effect in enumerate(effects) if effect.states]
+    anything = " or ".join(f"active[{k}] != 0" for k in indices) or "False"
+    turning = " or ".join(f"active[{k}] != 0" for k in indices if effects[int(k)].each_flexure) or "False"
+    return "\n\n".join(
+        [
+            f"LAW_MEMORY, N_LAW_MEMORY = {memory_start}, {count}\n",
+            _inlined("remembers", "active", [f"return {anything}"]),
+            _inlined("flexures_remember", "active", [f"return {turning}"]),
+            _states_source(effects, "law_rates", memory_start, memory_start + count),
+            _states_source(effects, "law_starts", memory_start, memory_start),
+        ]
+    )
+
+
+def _states_source(effects: Sequence[Effect], function: str, memory_start: int, out: int) -> str:
+    """Return the source of a function that writes rates or start values of the states into the state from `out` on."""
+    printer, memory = _Printer({"fully_qualified_modules": True}), memory_layout(effects)
+    lines = [
+        "@register_jitable(forceinline=True)",
+        f"def {function}(coef, active, state, q):",
+        *_known(effects),
+    ]
+    for index, effect in enumerate(effects):
+        if not effect.states:
+            continue
+        lines.append(f"    if active[{index}]:  # {effect.name}")
+        for number, state in enumerate(effect.states):
+            places = memory[effect.name, state.name]
+            outputs = [f"state[{out + place}]" for place in places]
+            parts = split(state.rate if function == "law_rates" else state.start)
+            sides = "xy" if effect.each_flexure else " "
+            for side, output in zip(sides, outputs if effect.each_flexure else [""], strict=True):
+                printer.names = _names(effects, effect, memory_start, side.strip())
+                own = (output,) if output else tuple(outputs)
+                prefix = f"_r{index}_{number}{side.strip()}"
+                lines += _assignments(own, parts[: len(own)], printer, prefix, sets=True)
+    return "\n".join([*lines, "    return"]) + "\n"
+
+
+def _known(effects: Sequence[Effect]) -> list[str]:
+    """Return the lines that name the reference values and the quantities of an instant."""
+    first = len(coefficient_layout(effects))
+    return [
+        *(f"    {name} = coef[{first + i}]" for i, name in enumerate(REFERENCES)),
+        *(f"    {name} = q.{name}" for name in Instant._fields),
+    ]
+
+
+def _names(effects: Sequence[Effect], effect: Effect, memory_start: int, side: str) -> dict[str, str]:
+    """Return what stands in the source for coefficients and states of an effect, on one `side` for a flexure's law."""
+    layout, memory = coefficient_layout(effects), memory_layout(effects)
+    names = {c.name: f"coef[{layout[effect.name, c.name]}]" for c in effect.coefficients}
+    for state in effect.states:
+        places = [f"state[{memory_start + place}]" for place in memory[effect.name, state.name]]
+        if side:
+            names[state.name] = places["xy".index(side)]
+        else:
+            names |= zip((part.name for part in components(state.symbol)), places, strict=True)
+    if side:
+        names |= {
+            "theta": f"theta_{side}",
+            "theta_rate": f"theta_{side}_rate",
+            "axis": "1.0" if side == "x" else "-1.0",
+        }
+    return names
 
 
 @functools.cache
-def cached_laws_source(effects: tuple[Effect, ...]) -> str:
+def cached_laws_source(effects: tuple[Effect, ...], memory_start: int) -> str:
     """Return `laws_source`, kept on disk by the text of the declarations (SymPy takes seconds, reading none)."""
     folder = resources.files("gyrowheel_sim").joinpath("effects")
     own = [
@@ -110,20 +204,24 @@ def cached_laws_source(effects: tuple[Effect, ...]) -> str:
         for name in ("law_code", "complex_parts", "targets")
     ]
     declared = [
-        (e.name, [(law.target, sp.srepr(law.expression)) for law in e.laws], [c.name for c in e.coefficients])
+        (
+            e.name,
+            [(law.target, sp.srepr(law.expression)) for law in e.laws],
+            [c.name for c in e.coefficients],
+            [(s.name, sp.srepr(s.rate), sp.srepr(s.start), s.complex) for s in e.states],
+        )
         for e in effects
     ]
-    name = f"laws_{cache.digest(*own, repr(declared), sp.__version__)}"
+    name = f"laws_{cache.digest(*own, repr(declared), str(memory_start), sp.__version__)}"
     if (kept := cache.read(name)) is not None:
         return kept.decode()
-    text = laws_source(effects)
+    text = laws_source(effects, memory_start)
     cache.write(name, text.encode())
     return text
 
 
-def _function_source(effects: Sequence[Effect], function: str) -> str:
+def _function_source(effects: Sequence[Effect], function: str, memory_start: int) -> str:
     printer = _Printer({"fully_qualified_modules": True})
-    layout = coefficient_layout(effects)
     targets = {target.name: target for target in FUNCTIONS[function]}
     outputs = [name for target in targets.values() for name in target.outputs]
     result = _tuple_name(function)
@@ -131,9 +229,8 @@ def _function_source(effects: Sequence[Effect], function: str) -> str:
         _tuple_source(result, outputs),
         "",
         "@register_jitable(forceinline=True)",
-        f"def {function}(coef, active, q):",
-        *(f"    {name} = coef[{len(layout) + i}]" for i, name in enumerate(REFERENCES)),
-        *(f"    {name} = q.{name}" for name in Instant._fields),
+        f"def {function}(coef, active, state, q):",
+        *_known(effects),
         f"    {' = '.join(outputs)} = 0.0",
     ]
     for index, effect in enumerate(effects):
@@ -141,20 +238,15 @@ def _function_source(effects: Sequence[Effect], function: str) -> str:
         if not own:
             continue
         lines.append(f"    if active[{index}]:  # {effect.name}")
-        places = {c.name: f"coef[{layout[effect.name, c.name]}]" for c in effect.coefficients}
         for number, law in own:
             parts, target = split(law.expression), targets[law.target]
             if not target.each_flexure:
-                printer.names = places
+                printer.names = _names(effects, effect, memory_start, "")
                 lines += _assignments(target.outputs, parts, printer, f"_v{index}_{number}_")
                 continue
             # written once for both, by the angle of each
             for side, output in zip("xy", target.outputs, strict=True):
-                printer.names = places | {
-                    "theta": f"theta_{side}",
-                    "theta_rate": f"theta_{side}_rate",
-                    "axis": "1.0" if side == "x" else "-1.0",
-                }
+                printer.names = _names(effects, effect, memory_start, side)
                 lines += _assignments((output,), parts[:1], printer, f"_v{index}_{number}{side}")
     lines.append(f"    return {result}({', '.join(outputs)})")
     return "\n".join(lines) + "\n"
@@ -169,16 +261,16 @@ def _tuple_source(name: str, fields: Sequence[str]) -> str:
 
 
 def _assignments(
-    outputs: Sequence[str], parts: Sequence[sp.Expr], printer: _Printer, prefix: str
+    outputs: Sequence[str], parts: Sequence[sp.Expr], printer: _Printer, prefix: str, *, sets: bool = False
 ) -> list[str]:
-    """Return the lines that add `parts` to `outputs`, with common subexpressions computed once."""
+    """Return the lines that add `parts` to `outputs`, or set them, with common subexpressions computed once."""
     wanted = list(zip(outputs, parts, strict=False))
     shared, results = sp.cse([part for _, part in wanted], symbols=sp.numbered_symbols(prefix, real=True))
     lines = [f"        {symbol.name} = {printer.doprint(value)}" for symbol, value in shared]
     return lines + [
-        f"        {output} += {printer.doprint(result)}"
+        f"        {output} {'=' if sets else '+='} {printer.doprint(result)}"
         for (output, _), result in zip(wanted, results, strict=True)
-        if result != 0
+        if sets or result != 0
     ]
 
 
@@ -271,15 +363,20 @@ def _term(entry: Entry, output: str) -> str:
 def array_law(effect: Effect, index: int) -> Callable[[Mapping[str, Any]], Any]:
     """Return law number `index` of an effect as a function of arrays.
 
-    The function takes a mapping of the quantities of `QUANTITIES` and the coefficients by name; all broadcast.
+    The function takes a mapping of the quantities of `QUANTITIES`, the coefficients and the states by name; all
+    broadcast.
     """
-    law = effect.laws[index]
     if isinstance(effect, TorqueMap):  # its many terms are quicker as arrays than as an expression
         return functools.partial(effect.law_at, index)
+    return array_function(effect.laws[index].expression)
+
+
+@functools.lru_cache(maxsize=4096)
+def array_function(expression: sp.Expr) -> Callable[[Mapping[str, Any]], Any]:
+    """Return an expression as a function of arrays by the names of its symbols."""
     functions: dict[str, Any] = {"numpy": np, "functools": functools}
-    exec(compile(_array_source(law.expression), f"<law {index} of {effect.name}>", "exec"), functions)
+    exec(compile(_array_source(expression), "<law>", "exec"), functions)
     evaluate: Callable[[Mapping[str, Any]], Any] = functions["evaluate"]
-    evaluate.__doc__ = f"{law.target} [{TARGETS[law.target].unit}] of {effect.name}."
     return evaluate
 
 

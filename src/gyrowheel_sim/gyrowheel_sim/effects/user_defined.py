@@ -14,29 +14,29 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Any
 
-import numpy as np
 import sympy as sp
 from pydantic import AfterValidator, BeforeValidator, Field, StrictBool, create_model
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.schema import Number, Section, check, refuse, shown
-from gyrowheel_sim.effects.complex_parts import ComplexArgumentError, is_real
 from gyrowheel_sim.effects.declaration import Category, Coefficient, Effect, Law
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import Formula, read, to_text
 from gyrowheel_sim.effects.grammar import NAME, RESERVED, one_line, shortened
+from gyrowheel_sim.effects.memory import Memory
 from gyrowheel_sim.effects.quantities import theta, theta_rate
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.torque_map import TorqueMap, map_from_mapping, map_to_mapping
+from gyrowheel_sim.effects.trial import require_finite, sized
 
 #: Names that a law may have in a declaration, and the targets that they mean.
 LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}
 _LONGEST_TEXT = 300
 _MOST_COEFFICIENTS = 12
+_MOST_STATES = 4
 _LARGEST = 1e100
 
 
@@ -120,6 +120,24 @@ def _named(raw: Any) -> Any:
     return raw
 
 
+class StateEntry(Section):
+    """A state in a declaration: its unit, the formula of its rate, and that of its value at the first sample."""
+
+    unit: Annotated[str, BeforeValidator(_unit)] | None = None
+    rate: Any
+    start: Any = "0"
+
+
+def _remembered(raw: Any) -> Any:
+    if raw is None:
+        return {}
+    if not isinstance(raw, Mapping):
+        refuse("a mapping of states is expected, e.g. s: {unit: rad, rate: (z - s)/tau}")
+    if len(raw) > _MOST_STATES:
+        refuse(f"{len(raw)} states; allowed: up to {_MOST_STATES}")
+    return raw
+
+
 def _alike(raw: Any) -> Any:
     if raw is not None and not isinstance(raw, Mapping):
         refuse("a mapping of effects to tests is expected")
@@ -138,6 +156,7 @@ class _Declaration(Section):
     coefficients: Annotated[
         dict[str, Annotated[CoefficientEntry, BeforeValidator(_entry)]], BeforeValidator(_named)
     ] = Field(None, validate_default=True)
+    states: Annotated[dict[str, StateEntry], BeforeValidator(_remembered)] = Field(default_factory=dict)
 
     def laws(self) -> dict[str, Any]:
         """Return the formulas that are given, by the names of their fields."""
@@ -147,21 +166,6 @@ class _Declaration(Section):
 _FORMULAS: dict[str, Any] = dict.fromkeys(LAW_FIELDS, (Any, None))
 #: A declaration: the fields above, and a formula for every target that a law of it acts on.
 Declaration: type[_Declaration] = create_model("Declaration", __base__=_Declaration, **_FORMULAS)
-
-
-#: States in which a law is tried: at rest on the axis, and tilted at speeds from 1000 to 4000 rpm.
-_SPEEDS = np.linspace(105.0, 420.0, 64)
-_AT_REST: dict[str, Any] = {
-    "z": 0j, "z_rate": 0j, "Omega": _SPEEDS, "theta_z": 0.0, "theta": 0.0, "theta_rate": 0.0, "axis": 1.0,
-    "i_motor": 0.05, "T_coil": 295.0, "T_air": 295.0, "T_winding": 295.0, "T_motor": 295.0, "rho": 1.2,
-    "up": 1.0, "up_across": 0j, "home_x": 1.0 + 0j, "home_y": 1j, "t": 0.0,
-    "Omega_ref": 366.5, "rho_ref": 1.2, "T_ref": 295.0, "z_ref": 0.05, "N_ripple": 6.0,
-}  # fmt: skip
-_TILTED = _AT_REST | {
-    "z": 0.04 + 0.03j, "z_rate": 0.1 - 0.2j, "theta_z": 0.7, "theta": 0.05, "theta_rate": 15.0, "axis": -1.0,
-    "i_motor": -0.3, "T_coil": 315.0, "T_air": 296.0, "T_winding": 325.0, "T_motor": 300.0, "rho": 1.0,
-    "up": -1.0, "up_across": 0.6 - 0.8j, "home_x": 0.8 + 0j, "home_y": -0.6j, "t": 60.0,
-}  # fmt: skip
 
 
 def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Effect:
@@ -176,7 +180,8 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         each with ``unit`` and, where known, ``usual``, ``bounds`` and ``possible`` (two numbers), ``signed``,
         ``value``, ``uncertainty``, ``description``, ``source``, ``possible_source``; ``title``, ``category``,
         ``sentence``, ``directions`` (that sentence for either sign), ``validity``, ``source``, ``look_alikes``,
-        ``greatest``; or ``map`` alone, see `gyrowheel_sim.effects.torque_map`. A coefficient in which the law is linear
+        ``greatest``; ``states``, each with the formula of its ``rate`` and, where needed, of its ``start`` and its
+        ``unit``; or ``map`` alone, see `gyrowheel_sim.effects.torque_map`. A coefficient in which the law is linear
         is an amplitude; any other one (an exponent, an edge) needs its ``value`` and ``uncertainty``, or its ``usual``
         range.
     where : str
@@ -194,16 +199,24 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
         return map_from_mapping(name, mapping, where)
     given = check(Declaration, mapping, where, separator=".")
     entries = given.coefficients
-    formulas = _formulas(given.laws(), list(entries), where)
-    units = _units(formulas, entries, f"{where}.coefficients")
+    memory = Memory.read(
+        {name: (own.unit, own.rate, own.start) for name, own in given.states.items()}, list(entries), where
+    )
+    formulas = _formulas(given.laws(), [*entries, *memory.names], where, memory.two)
+    known = {key: entry.unit for key, entry in entries.items() if entry.unit is not None}
+    memory = memory.with_units(known)
+    wanted = [(formula, TARGETS[target].unit) for formula, target in formulas] + memory.wanted
+    units = _units(wanted, entries, f"{where}.coefficients", memory.units)
+    for formula, unit in wanted:
+        check_unit(formula, units, unit)
     for formula, target in formulas:
-        check_unit(formula, units, TARGETS[target].unit)
         _check_target(formula, target)
-    used = {s.name for formula, _ in formulas for s in formula.expression.free_symbols}
+    used = {s.name for formula, _ in wanted for s in formula.expression.free_symbols}
     if unused := [key for key in entries if key not in used]:
         raise InputError(f"{where}.coefficients.{unused[0]}: not used in any law")
     laws = tuple(Law(target, formula.expression) for formula, target in formulas)
-    amplitudes = _amplitudes(laws, entries, where)
+    memory.check(laws)
+    amplitudes = _amplitudes(laws, {k: e for k, e in entries.items() if k not in memory.symbols}, where)
     drafts = [
         (_amplitude if key in amplitudes else _shape)(key, units[key], entry, f"{where}.coefficients.{key}")
         for key, entry in entries.items()
@@ -223,10 +236,11 @@ def effect_from_mapping(name: str, mapping: object, where: str = "effect") -> Ef
             look_alikes=given.look_alikes,
             greatest=given.greatest,
             directions=None if given.directions is None else (given.directions[0], given.directions[1]),
+            states=memory.states,
         )
 
-    _try(effect(drafts), where)
-    return effect(_sized(effect(drafts), where))
+    require_finite(effect(drafts), where)
+    return effect(sized(effect(drafts), where))
 
 
 def effect_to_mapping(effect: Effect) -> dict[str, Any]:
@@ -248,6 +262,11 @@ def effect_to_mapping(effect: Effect) -> dict[str, Any]:
         }  # fmt: skip
     result: dict[str, Any] = {"title": effect.title, "category": effect.category, "sentence": effect.sentence}
     result |= {target: to_text(expression) for target, expression in laws.items()}
+    if effect.states:
+        result["states"] = {
+            s.name: {"unit": s.unit, "rate": to_text(s.rate), "start": to_text(s.start)}
+            for s in effect.states
+        }
     result |= {"coefficients": coefficients, "validity": effect.validity, "source": effect.source}
     if effect.greatest is not None:
         result["greatest"] = effect.greatest
@@ -275,31 +294,36 @@ def check_name(name: str, where: str, taken: Mapping[str, object] | None = None)
         raise InputError(f"{where}: there is an effect named '{name}' already; choose another name")
 
 
-def _formulas(mapping: Mapping[str, Any], names: list[str], where: str) -> list[tuple[Formula, str]]:
+def _formulas(
+    mapping: Mapping[str, Any], names: list[str], where: str, two: Collection[str]
+) -> list[tuple[Formula, str]]:
     formulas: list[tuple[Formula, str]] = []
     for key, target in LAW_FIELDS.items():
         if key not in mapping:
             continue
         if any(target == other for _, other in formulas):
             raise InputError(f"{where}.{key}: torque and rotor_torque are the same; give one of them")
-        formulas.append((read(mapping[key], names, f"{where}.{key}"), target))
+        formulas.append((read(mapping[key], names, f"{where}.{key}", two), target))
     if not formulas:
         raise InputError(f"{where}: a law is missing; allowed: {', '.join(LAW_FIELDS)}")
     return formulas
 
 
 def _units(
-    formulas: list[tuple[Formula, str]], entries: Mapping[str, CoefficientEntry], where: str
+    formulas: list[tuple[Formula, str]],
+    entries: Mapping[str, CoefficientEntry],
+    where: str,
+    known: Mapping[str, str],
 ) -> dict[str, str]:
-    units = {key: entry.unit for key, entry in entries.items() if entry.unit is not None}
+    units = {key: entry.unit for key, entry in entries.items() if entry.unit is not None} | dict(known)
     missing = [key for key in entries if key not in units]
     if not missing:
         return units
     hint = "every coefficient needs one, e.g. N*m/rad, or 1 for a pure number"
     if len(missing) == 1:
         try:
-            for formula, target in formulas:
-                check_unit(formula, {**units, missing[0]: None}, TARGETS[target].unit)
+            for formula, unit in formulas:
+                check_unit(formula, {**units, missing[0]: None}, unit)
         except MissingUnitError as error:
             with contextlib.suppress(InputError):  # nobody would write a fractional power of a unit
                 hint = f"{Unit.of(str(error.unit))} would fit"
@@ -311,12 +335,7 @@ def _check_target(formula: Formula, target: str) -> None:
     node, expression = formula.node, formula.expression
     if not TARGETS[target].each_flexure and expression.free_symbols & {theta, theta_rate}:
         raise formula.error(node, "theta and theta_rate belong to a flexure: only flexure_torque has them")
-    try:
-        real = is_real(expression)
-    except ComplexArgumentError as error:
-        part = shortened(to_text(error.argument), 60)
-        raise formula.error(node, f"'{part}' is complex where a real number is needed") from None
-    if not TARGETS[target].complex and not real:
+    if not formula.real and not TARGETS[target].complex:
         raise formula.error(node, f"{target} is real, but the formula is complex: use abs, re or im")
 
 
@@ -445,53 +464,6 @@ def _possible(entry: CoefficientEntry, null: float, where: str) -> tuple[float, 
             f"which {'means no effect' if null == 0.0 else 'is its value'}"
         )
     return entry.possible
-
-
-def _try(effect: Effect, where: str) -> None:
-    """Refuse a law that is not finite at states of the bench."""
-    coefficients = {c.name: 1.0 if c.shape is None else c.shape for c in effect.coefficients}
-    for place, instant in (("at rest (z = 0, t = 0)", _AT_REST), ("with a tilt", _TILTED)):
-        for law, value in zip(effect.laws, _values(effect, instant, coefficients), strict=True):
-            if not np.isfinite(value).all():
-                raise InputError(
-                    f"{where}: {law.target} is not finite {place}; add a small number to a divisor"
-                )
-
-
-def _sized(effect: Effect, where: str) -> list[Coefficient]:
-    """Return the coefficients; those without a usual size get that of a noticeable effect."""
-    result = []
-    for c in effect.coefficients:
-        if c.shape is not None or c.usual[1] > 0.0:
-            result.append(c)
-            continue
-        alone = effect.nulls() | {c.name: 1.0}
-        sizes = [
-            (low / most, high / most)
-            for law, value in zip(effect.laws, _values(effect, _TILTED, alone), strict=True)
-            for low, high in (TARGETS[law.target].noticeable,)
-            if (most := float(np.abs(value).max())) > 0.0
-        ]
-        if not sizes:
-            raise InputError(
-                f"{where}.coefficients.{c.name}.usual: missing, and it does not follow from the law"
-            )
-        usual = min(sizes)
-        usual = (_rounded(usual[0], 2), _rounded(usual[1], 2))
-        bounds = c.bounds if c.bounds[1] > 0.0 else (-1000.0 * usual[1], 1000.0 * usual[1])
-        if bounds[1] < usual[1]:  # keep the user's bounds
-            usual = (0.01 * bounds[1], bounds[1])
-        result.append(replace(c, usual=usual, bounds=bounds))
-    return result
-
-
-def _values(effect: Effect, instant: Mapping[str, Any], coefficients: Mapping[str, float]) -> list[Any]:
-    from gyrowheel_sim.effects.law_code import array_law  # imports the compiler, which few callers need
-
-    # arrays: plain numbers would raise an exception where arrays hold an infinity
-    values = {name: np.asarray(value) for name, value in {**instant, **coefficients}.items()}
-    with np.errstate(all="ignore"):
-        return [np.asarray(array_law(effect, index)(values)) for index in range(len(effect.laws))]
 
 
 def _rounded(value: float, digits: int = 12) -> float:

@@ -1,7 +1,8 @@
 """User-defined effects in one line of text, for command lines and text fields: read and written.
 
 ``stator_pull: torque = -k*r^2*z; k [N*m/rad]`` is the whole; a law alone is enough where its coefficients have names of
-one letter: ``-k*r^2*z`` declares ``k``, whose unit follows.
+one letter: ``-k*r^2*z`` declares ``k``, whose unit follows. A law with a memory has the rate of its state, and where it
+is not zero its value at the first sample: ``-k*s; d(s)/dt = (z - s)/tau; s(0) = z; tau = 5 +- 3 [s]``.
 """
 
 from __future__ import annotations
@@ -15,12 +16,16 @@ from typing import Any
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
-from gyrowheel_sim.effects.formula import Formula, read
+from gyrowheel_sim.effects.formula import Formula, read, to_text
 from gyrowheel_sim.effects.grammar import MAX_LENGTH, NAME, shortened, unknown_names
+from gyrowheel_sim.effects.memory import Memory
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.user_defined import LAW_FIELDS, effect_from_mapping, effect_to_mapping
 
 _FORM = "expected NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ..."
+#: The left side of a rate, ``d(s)/dt`` or ``s'``, and of a start value, ``s(0)``.
+_RATE = re.compile(rf"d\s*\(\s*({NAME.pattern})\s*\)\s*/\s*dt|({NAME.pattern})'")
+_START = re.compile(rf"({NAME.pattern})\s*\(\s*0\s*\)")
 _PREFIX = re.compile(rf"\s*({NAME.pattern})\s*:(.*)", re.DOTALL)
 #: A name of one letter, numbered or with an index at most: ``k``, ``k2``, ``F_x``.
 _LETTER = re.compile(r"[A-Za-z](?:[0-9]|_[A-Za-z0-9])?")
@@ -32,13 +37,14 @@ _COEFFICIENT = re.compile(
     r"(?:\[(?P<unit>[^\]]*)\])?"
 )
 Laws = dict[str, str]
-Entries = dict[str, dict[str, Any]]
+Entries = dict[str, dict[str, Any]]  # of coefficients, or of states
 
 
 def effect_from_text(text: str, where: str = "formula") -> Effect:
     """Return the effect that a line of text declares.
 
-    `text`: ``NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ...`` with as many laws and coefficients as needed.
+    `text`: ``NAME: TARGET = FORMULA; COEFFICIENT [UNIT]; ...`` with as many laws and coefficients as needed, and
+    ``d(STATE)/dt = FORMULA; STATE(0) = FORMULA; STATE [UNIT]`` for each state.
     A coefficient may have its usual size, or a shape its value and uncertainty: ``k = 0.02 [N*m/rad]``, ``p =
     0.6 +- 0.05 [1]``. `where`: what messages begin with. Raises InputError as
     `gyrowheel_sim.effects.user_defined.effect_from_mapping`, or if the line is not of that form.
@@ -46,9 +52,9 @@ def effect_from_text(text: str, where: str = "formula") -> Effect:
     name, colon, rest = str(text).partition(":")
     if not colon:
         raise InputError(f"{where}: {shortened(str(text))} has no name; {_FORM}")
-    laws, coefficients = _parts(rest, where)
+    laws, states, coefficients = _parts(rest, where)
     return effect_from_mapping(
-        name.strip(), {**laws, "coefficients": coefficients}, f"{where}: {name.strip()}"
+        name.strip(), {**laws, "states": states, "coefficients": coefficients}, f"{where}: {name.strip()}"
     )
 
 
@@ -96,17 +102,36 @@ def typed_effect(
     target = target or "rotor_torque"
     if target not in LAW_FIELDS:
         raise InputError(f"{where}: target '{target[:60]}' is not known; allowed: {', '.join(TARGETS)}")
-    laws, coefficients = _parts(text, where, LAW_FIELDS[target])
-    letters = [n for law in laws.values() for n in unknown_names(law) if _LETTER.fullmatch(n)]
-    coefficients |= {letter: {} for letter in letters if letter not in coefficients}
-    # errors of a formula come before conclusions from it
-    formulas = [
-        (read(law, coefficients, f"{where}: {name}.{left}"), TARGETS[left].unit) for left, law in laws.items()
+    laws, states, coefficients = _parts(text, where, LAW_FIELDS[target])
+    formulas_typed = [
+        *laws.values(),
+        *(own[key] for own in states.values() for key in ("rate", "start") if key in own),
     ]
+    letters = [
+        n for law in formulas_typed for n in unknown_names(law) if _LETTER.fullmatch(n) and n not in states
+    ]
+    coefficients |= {letter: {} for letter in letters if letter not in coefficients}
     units = {key: entry["unit"] for key, entry in coefficients.items() if "unit" in entry}
-    for key, unit in _units(formulas, [key for key in coefficients if key not in units], units).items():
+    # errors of a formula come before conclusions from it
+    memory = Memory.read(
+        {key: (own.get("unit"), own["rate"], own.get("start", "0")) for key, own in states.items()},
+        list(coefficients),
+        f"{where}: {name}",
+    )
+    names = [*coefficients, *states]
+    formulas: list[tuple[Formula, str]] = [
+        (read(law, names, f"{where}: {name}.{left}", memory.two), TARGETS[left].unit)
+        for left, law in laws.items()
+    ]
+    memory = memory.with_units(units)
+    for key, own in states.items():
+        own["unit"] = memory.units[key]
+    missing = [key for key in coefficients if key not in units]
+    known = units | dict(memory.units)
+    for key, unit in _units(formulas + memory.wanted, missing, known).items():
         coefficients[key]["unit"] = unit
-    return effect_from_mapping(name, {**laws, "coefficients": coefficients}, f"{where}: {name}")
+    declared = {**laws, "states": states, "coefficients": coefficients}
+    return effect_from_mapping(name, declared, f"{where}: {name}")
 
 
 def effect_to_line(effect: Effect) -> str:
@@ -121,19 +146,30 @@ def effect_to_line(effect: Effect) -> str:
         for c in effect.coefficients
         if c.shape is not None
     }
+    for s in effect.states:
+        start = f"; {s.name}(0) = {to_text(s.start)}" if s.start != 0 else ""
+        laws.append(f"d({s.name})/dt = {to_text(s.rate)}{start}; {s.name} [{s.unit}]")
     return "; ".join([*laws, *(f"{c.name}{shapes.get(c.name, '')} [{c.unit}]" for c in effect.coefficients)])
 
 
-def _parts(text: str, where: str, target: str | None = None) -> tuple[Laws, Entries]:
-    """Return the laws of a line by their targets, and its coefficients as a declaration has them.
+def _parts(text: str, where: str, target: str | None = None) -> tuple[Laws, Entries, Entries]:
+    """Return the laws of a line by their targets, and its states and coefficients as a declaration has them.
 
     With a `target`, the first part may be a law without ``TARGET =``, and ``torque`` is named as the target it means.
     """
     laws: Laws = {}
+    states: Entries = {}
     coefficients: Entries = {}
     parts = [part for part in (" ".join(part.split()) for part in text.split(";")) if part]
     for index, part in enumerate(parts):
         left, equals, right = (piece.strip() for piece in part.partition("="))
+        if equals and (found := _RATE.fullmatch(left) or _START.fullmatch(left)):
+            state = states.setdefault(next(filter(None, found.groups())), {})
+            key = "rate" if found.re is _RATE else "start"
+            if key in state:
+                raise InputError(f"{where}: {left} is given twice; write a sum")
+            state[key] = right
+            continue
         if target is not None:
             left, right = (target, part) if not equals and not index else (LAW_FIELDS.get(left, left), right)
         if left in LAW_FIELDS and (equals or not index):
@@ -149,7 +185,16 @@ def _parts(text: str, where: str, target: str | None = None) -> tuple[Laws, Entr
         entry: dict[str, Any] = {"unit": match["unit"]} if match["unit"] is not None else {}
         entry |= {key: float(match[key]) for key in ("value", "uncertainty") if match[key] is not None}
         coefficients[match["name"]] = entry
-    return laws, coefficients
+    for name, state in states.items():
+        if "rate" not in state:
+            raise InputError(f"{where}: {name}(0) has no rate; d({name})/dt = FORMULA is needed")
+        stated = coefficients.pop(name, {})
+        if "value" in stated:
+            raise InputError(
+                f"{where}: {name} is a state; its value at the start is {name}(0) = {stated['value']:g}"
+            )
+        state |= stated
+    return laws, states, coefficients
 
 
 def _units(

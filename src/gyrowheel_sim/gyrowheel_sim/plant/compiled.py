@@ -67,6 +67,7 @@ class Surroundings(Column):
 DRIFT_START = len(State)
 HELD_START = DRIFT_START + len(Drift)
 MEMORY_START = HELD_START + len(HELD_OUTPUTS)
+#: Length of the state without the states of effects, which follow (`law_code.memory_size`).
 N_STATE = MEMORY_START + N_MEMORY
 
 
@@ -150,7 +151,7 @@ def plant_source(
         memory_sizes=(N_ROWS, N_FILTER, FILTERS, ROWS, WIDTH),
         mechanics=kernel_text("gyrowheel_sim", "mechanics/dynamics.py"),
         law_interface=kernel_text("gyrowheel_sim", "effects/law_code.py"),
-        laws=cached_laws_source(tuple(effects)),
+        laws=cached_laws_source(tuple(effects), N_STATE),
         law_entries=entries_source(PlantParameters._fields, HELD_START),
         instruments=kernel_text("gyrowheel_sim", "instruments/kernel.py"),
         plant=kernel_text("gyrowheel_sim", "plant/kernel.py"),

@@ -40,6 +40,8 @@ from gyrowheel_sim.plant.compiled import DRIFT_START, MEMORY_START, State, Surro
 
 if TYPE_CHECKING:
     from gyrowheel_sim.effects.generated import (
+        LAW_MEMORY,
+        N_LAW_MEMORY,
         acting,
         changed,
         changed_at_sample,
@@ -47,7 +49,10 @@ if TYPE_CHECKING:
         evaluate_samples,
         hold_samples,
         lag_of_coils,
+        law_rates,
+        law_starts,
         reading_errors,
+        remembers,
     )
 
 # --- kernel ---
@@ -98,7 +103,7 @@ def plant_rates(
     at = instant_of(
         p, env, s, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, theta_x, theta_y, wx, wy, s[State.motor_current]
     )  # fmt: skip
-    laws = evaluate_laws(coef, active, at)
+    laws = evaluate_laws(coef, active, s, at)
     act = acting(laws)
     m = changed(p, laws, s)
     Tx = act.across_x + m.fixed_torque_x
@@ -143,6 +148,62 @@ def plant_rates(
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def tilt_of(nx: float, ny: float, ux: float, uy: float) -> Any:
+    """Return the tilt (zx, zy) of a spin axis, and its rate."""
+    nz = math.sqrt(1.0 - nx * nx - ny * ny)
+    nz_rate = -(nx * ux + ny * uy) / nz
+    return -ny / nz, nx / nz, -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz
+
+
+@njit(cache=True, error_model="numpy")
+def instant_now(p: Any, env: Any, state: Any, t: float, rho: float) -> Any:
+    """Return the inputs of the laws by the state of the machine."""
+    nx, ny, ux, uy = state[State.n_x], state[State.n_y], state[State.n_x_rate], state[State.n_y_rate]
+    angle, Omega = state[State.spin_angle], state[State.spin_rate]
+    zx, zy, zx_rate, zy_rate = tilt_of(nx, ny, ux, uy)
+    sx, _, sy, _, wx, wy = case_to_joint(nx, ny, ux, uy, math.sin(angle), math.cos(angle), Omega)
+    return instant_of(
+        p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, math.asin(sx), math.asin(sy), wx, wy,
+        state[State.motor_current],
+    )  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def begin_memory(p: Any, coef: Any, active: Any, env: Any, state: Any, t: float) -> None:
+    """Give the states of the effects their start values, at the first sample."""
+    begun = LAW_MEMORY + 3 * N_LAW_MEMORY
+    if remembers(active) and state[begun] == 0.0:
+        rho = state[State.air_pressure] / (p.gas_constant * p.air_temperature)
+        law_starts(coef, active, state, instant_now(p, env, state, t, rho))
+        state[begun] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def advance_memory(
+    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, rho: float, h: float
+) -> None:
+    """Advance the states of the effects to the middle of a sample, where the laws of its motion take them."""
+    if remembers(active):
+        law_rates(coef, active, state, instant_now(p, env, state, t, rho))
+        for i in range(LAW_MEMORY, LAW_MEMORY + N_LAW_MEMORY):
+            state[i] += 0.5 * h * state[i + N_LAW_MEMORY]
+            state[i + 2 * N_LAW_MEMORY] = state[i]
+
+
+@njit(cache=True, error_model="numpy")
+def complete_memory(
+    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, rho: float, h: float
+) -> None:
+    """Advance the states of the effects to the end of a sample, with the mean of the rates at both ends (Heun)."""
+    if remembers(active):
+        for i in range(LAW_MEMORY, LAW_MEMORY + N_LAW_MEMORY):
+            state[i] += 0.5 * h * state[i + N_LAW_MEMORY]
+        law_rates(coef, active, state, instant_now(p, env, state, t, rho))
+        for i in range(LAW_MEMORY, LAW_MEMORY + N_LAW_MEMORY):
+            state[i] = state[i + 2 * N_LAW_MEMORY] + 0.5 * h * state[i + N_LAW_MEMORY]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def plant_step(
     p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float
 ) -> None:
@@ -151,6 +212,7 @@ def plant_step(
     T_coil = state[State.coil_temperature]
     T_air = p.air_temperature
     rho = state[State.air_pressure] / (p.gas_constant * T_air)
+    advance_memory(p, coef, active, env, state, t, rho, h)
     # The coils' torque follows their voltage with a lag. The parabola that has the same mean and slope as its
     # exponential over the sample is what the step integrates exactly, however short the lag.
     lag = lag_of_coils(state)
@@ -233,6 +295,7 @@ def plant_step(
     state[State.spin_angle] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
     state[State.spin_rate] = w + s * dw
     state[State.table_rate] = after
+    complete_memory(p, coef, active, env, state, t + h, rho, h)
     # coils: electrical heating, loss to the air; the heater brings them to its temperature within about a second
     power = (vx * vx + vy * vy) / p.coil_resistance - (T_coil - T_air) / p.coil_thermal_resistance
     if env[Surroundings.heater] > 0.0:
@@ -257,14 +320,6 @@ def saturated(value: float, limit: float) -> float:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def tilt_of(nx: float, ny: float, ux: float, uy: float) -> Any:
-    """Return the tilt (zx, zy) of a spin axis, and its rate."""
-    nz = math.sqrt(1.0 - nx * nx - ny * ny)
-    nz_rate = -(nx * ux + ny * uy) / nz
-    return -ny / nz, nx / nz, -(uy - ny * nz_rate / nz) / nz, (ux - nx * nz_rate / nz) / nz
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
 def angle_at(q: Any, state: Any, age: float) -> Any:
     """Return the angle of the shaft and the spin rate at an instant within the memory of the instruments."""
     return moved_to(state, MEMORY_START, q.sample_period, Past.spin_angle, Past.spin_rate, age, 2.0 * math.pi)
@@ -283,7 +338,7 @@ def tilt_at(
     at = instant_of(
         p, env, state, t - age * h, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current
     )
-    error = reading_errors(evaluate_samples(coef, active, at))
+    error = reading_errors(evaluate_samples(coef, active, state, at))
     return sensed_tilt(q, zx, zy, error.tilt_x, error.tilt_y)
 
 
@@ -357,6 +412,7 @@ def plant_measure(
     (vx, vy, vm) are the voltages of the interval that ends at the sample, `held` those of the next one.
     """
     advance_drifts(p, state, DRIFT_START, noise)
+    begin_memory(p, coef, active, env, state, t)
     angle, Omega, T_coil = state[State.spin_angle], state[State.spin_rate], state[State.coil_temperature]
     zx, zy, zx_rate, zy_rate = tilt_of(
         state[State.n_x], state[State.n_y], state[State.n_x_rate], state[State.n_y_rate]
@@ -368,12 +424,12 @@ def plant_measure(
         p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0,
         state[State.motor_current],
     )  # fmt: skip
-    m = changed(p, evaluate_laws(coef, active, at), state)
+    m = changed(p, evaluate_laws(coef, active, state, at), state)
     current = (vm - m.motor_constant * Omega) / m.motor_resistance
     at = instant_of(
         p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current
     )
-    laws = evaluate_samples(coef, active, at)
+    laws = evaluate_samples(coef, active, state, at)
     hold_samples(state, laws)
     state[State.motor_current] = current
     error = reading_errors(laws)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.law_code import coefficient_arrays
+from gyrowheel_sim.effects.law_code import coefficient_arrays, memory_size
 from gyrowheel_sim.effects.registry import EffectValues, registry
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.instruments.readings import DRIFT_SIZES, LONGEST, N_NOISE, Drift, Reading
@@ -118,7 +118,7 @@ class Machine:
         self.coefficients, self.active = coefficient_arrays(
             library, _checked(scenario.effects, library), bench
         )
-        self.state = np.zeros(N_STATE)
+        self.state = np.zeros(N_STATE + memory_size(library))
         for place in State:
             start = place.initial
             self.state[place] = true.value(start) if isinstance(start, str) else start

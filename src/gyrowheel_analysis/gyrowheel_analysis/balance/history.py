@@ -1,0 +1,308 @@
+"""The whole motion of a recording, windows and what lies between them, and the states of effects along it.
+
+A law with a memory needs what was before each window. Within windows the motion is that of the windows, free of the
+noise of the readings, so that a rate that counts every movement counts no noise. Between them, where the rotor moves
+and settles, it is the readings averaged over revolutions; the harmonics of the windows before and after go over into
+each other as the tilt does. Motion below the noise of a window is not seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
+from gyrowheel_analysis.reduction.quality import readable
+from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, MEAN, Windows, attitude, without_noise
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.law_code import (
+    Instant,
+    coefficient_arrays,
+    memory_layout,
+    memory_size,
+    memory_source,
+)
+from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.jit import compile_source, kernel_text
+
+_MOST = 8_000_000  # points of a course; a longer recording has them farther apart
+_ROW = 0.1  # s, between rows of slow quantities
+_KEPT = 12  # histories of states
+_TURN = 0.5  # rad, the largest turn between two points at which harmonics are followed
+_SLOW = ("T_coil", "T_air", "T_winding", "T_motor", "rho", "i_motor")
+
+
+@dataclass(frozen=True)
+class Course:
+    """The motion of a recording at equal intervals.
+
+    `points` (n, 6) has tilt and its rate (x, y each), spin angle and spin rate; `slow` (m, 13) the slow quantities of
+    the laws, a row for every `per_row` points; `start` and `step` are in seconds.
+    """
+
+    points: NDArray[np.float32]
+    slow: Array
+    per_row: int
+    start: float
+    step: float
+
+    def place(self, time: float) -> int:
+        """Return the number of the first point not before a time."""
+        return min(max(math.ceil((time - self.start) / self.step - 1e-6), 0), len(self.points))
+
+
+class History:
+    """The states of effects along the motion of a recording.
+
+    Parameters
+    ----------
+    windows : Windows
+        Its windows.
+    bench : Bench
+        The bench as stated, whose zero and scale of the tilt readings hold.
+    samples : Samples, optional
+        Its samples; without them the motion between windows is taken as straight.
+    """
+
+    def __init__(self, windows: Windows, bench: Bench, samples: Samples | None = None) -> None:
+        self._windows, self._bench, self._samples = windows, bench, samples
+        self._found: OrderedDict[Any, dict[str, Any]] = OrderedDict()
+
+    @cached_property
+    def course(self) -> Course:
+        """The motion of the whole recording."""
+        return course_of(self._windows, self._bench, self._samples)
+
+    @cached_property
+    def _fits(self) -> list[tuple[slice, Any]]:
+        """The points of each window, and the matrix that fits Legendre terms and harmonics of a revolution to them."""
+        course, w, result = self.course, self._windows, []
+        for start, duration in zip(w.start.tolist(), w.duration.tolist(), strict=True):
+            own = slice(course.place(start), max(course.place(start + duration), course.place(start) + 1))
+            own = slice(min(own.start, len(course.points) - 1), own.stop)
+            time = course.start + course.step * np.arange(own.start, own.stop)
+            x = np.clip((time - start) / (0.5 * duration) - 1.0, -1.0, 1.0)
+            design = _terms(x, course.points[own, 4].astype(float))
+            result.append((own, np.linalg.pinv(design, rcond=1e-6)))
+        return result
+
+    def states(self, effect: Effect, values: Mapping[str, float], nodes: Any, phases: Any) -> dict[str, Any]:
+        """Return the states of an effect in every window at nodes and spin angles, arrays (n, nodes, phases).
+
+        `values` are the coefficients of the effect, `nodes` times from the middle of a window over half its duration.
+        The state of a flexure is a pair.
+        """
+        names = {s.name for own in effect.states for e in (own.rate, own.start) for s in e.free_symbols}
+        key = effect.states, effect.each_flexure, tuple((k, v) for k, v in values.items() if k in names)
+        if key in self._found:
+            self._found.move_to_end(key)
+            return self._found[key]
+        along = self._along(effect, values)
+        shape = len(self._windows), len(nodes), len(phases)
+        basis = np.stack([_terms(np.full(len(phases), x), phases) for x in nodes])
+        fitted = np.empty((*shape, along.shape[1]))
+        for number, (own, matrix) in enumerate(self._fits):
+            fitted[number] = basis @ (matrix @ along[own])
+        result: dict[str, Any] = {}
+        for (_, name), places in memory_layout([effect]).items():
+            parts = [fitted[..., place] for place in places]
+            if effect.each_flexure:
+                result[name] = tuple(parts)
+            else:
+                result[name] = parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
+        self._found[key] = result
+        if len(self._found) > _KEPT:
+            self._found.popitem(last=False)
+        return result
+
+    def _along(self, effect: Effect, values: Mapping[str, float]) -> Array:
+        """Return the states (points, numbers) of an effect along the course."""
+        course = self.course
+        text = "\n\n".join(
+            [
+                kernel_text("gyrowheel_sim", "mechanics/dynamics.py"),
+                kernel_text("gyrowheel_sim", "effects/law_code.py"),
+                memory_source([effect]),
+                kernel_text("gyrowheel_analysis", "balance/history_kernel.py"),
+            ]
+        )
+        code = compile_source(text, f"the states of {effect.name}")
+        coefficients, active = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
+        size = memory_size([effect])
+        out = np.empty((len(course.points), size // 3))
+        parts = max(math.ceil(course.step / self._bench.sample_period - 1e-6), 1)
+        code.states_along(
+            coefficients, active, np.zeros(size), course.points, course.slow, course.per_row, course.start,
+            course.step, parts, out,
+        )  # fmt: skip
+        return out
+
+
+def _terms(x: Any, angle: Any) -> Array:
+    """Return Legendre terms of a time in a window, and harmonics of a revolution, at points (n,): (n, terms)."""
+    waves = [part for order in FORWARD for part in (np.cos(order * angle), np.sin(order * angle))]
+    return np.column_stack([np.ones_like(x), x, 1.5 * x**2 - 0.5, *waves])
+
+
+def course_of(windows: Windows, bench: Bench, samples: Samples | None) -> Course:
+    """Return the motion of a recording from its windows, and between them from its samples if there are any."""
+    data = None if samples is None or not len(samples.time) else readable(samples, bench)[0]
+    if data is not None and len(data.time) < 2:
+        data = None
+    w, period = without_noise(windows), bench.sample_period
+    begin = float(data.time[0]) if data is not None else 0.0
+    end = float(data.time[-1]) if data is not None else 0.0
+    if len(w):
+        begin, end = min(begin, float(w.start[0])), max(end, float(np.max(w.start + w.duration)))
+    step = period * max(math.ceil((end - begin) / period / _MOST), 1)
+    count = max(round((end - begin) / step), 1) + 1
+    points = np.zeros((count, 6), dtype=np.float32)
+    course = Course(points, _slow(w, bench, data, begin, end), max(round(_ROW / step), 1), begin, step)
+    _set_spin(course, w, data)
+    bias, scale = complex(bench.value("tilt_bias_x"), bench.value("tilt_bias_y")), bench.value("tilt_scale")
+    edge, last = 0, None
+    order = np.argsort(w.start, kind="stable").tolist()
+    for number in order:
+        first, stop = (course.place(w.start[number] + part) for part in (0.0, w.duration[number]))
+        if stop - first < 2 or first < edge:
+            continue
+        half = 0.5 * w.duration[number]
+        x = (begin + step * np.arange(first, stop) - w.start[number]) / half - 1.0
+        series = (w.tilt[number] - bias * (np.arange(w.tilt.shape[1]) == 0)) / scale
+        slow = np.polynomial.polynomial.polyval(x, series)
+        rate = np.polynomial.polynomial.polyval(x, np.polynomial.polynomial.polyder(series)) / half
+        waves = w.tilt_harmonics[number] @ MEAN[: w.tilt_harmonics.shape[2]] / scale
+        before = (slow[0], waves) if last is None else last
+        _fill_gap(course, slice(edge, first), before, (slow[0], waves), data, (bias, scale))
+        _fill(course, slice(first, stop), slow, rate, waves)
+        edge, last = stop, (slow[-1], waves)
+    if last is None:
+        last = (0.0j, np.zeros(len(HARMONICS), dtype=complex))
+    _fill_gap(course, slice(edge, count), last, (None, last[1]), data, (bias, scale))
+    return course
+
+
+def _fill(course: Course, where: slice, slow: Any, rate: Any, waves: Any) -> None:
+    """Write tilt and rate for slow tilt angles and harmonics, (harmonics,) or (points, harmonics)."""
+    angle, spin = course.points[where, 4].astype(float), course.points[where, 5].astype(float)
+    tilt, speed = slow + 0.0j, rate + 0.0j
+    if np.any(waves) and course.step * float(spin.max(initial=0.0)) < _TURN:
+        turn = np.exp(1j * angle)
+        for order, amplitude in zip(HARMONICS, waves.T, strict=True):
+            part = amplitude * turn**order
+            tilt, speed = tilt + part, speed + 1j * order * spin * part
+    z = np.tan(tilt.real) + 1j * np.tan(tilt.imag)
+    course.points[where, 0], course.points[where, 1] = z.real, z.imag
+    course.points[where, 2] = speed.real * (1.0 + z.real**2)
+    course.points[where, 3] = speed.imag * (1.0 + z.imag**2)
+
+
+def _fill_gap(
+    course: Course,
+    where: slice,
+    before: Any,
+    after: Any,
+    data: Samples | None,
+    reading: tuple[complex, float],
+) -> None:
+    """Write the motion between two windows: readings averaged over revolutions, or a straight line without them."""
+    count = where.stop - where.start
+    if count <= 0:
+        return
+    time = course.start + course.step * np.arange(where.start, where.stop)
+    begin, end = time[0] - course.step, time[-1] + course.step
+    knots: list[Array] = []
+    values: list[Any] = []
+    spin = float(np.mean(course.points[where, 5]))
+    if data is not None and spin > 0.0:
+        first, stop = np.searchsorted(data.time, (begin, end))
+        revolutions = int((end - begin) * spin / (2.0 * math.pi))
+        if stop - first >= 4 * revolutions > 0:
+            edges = np.linspace(first, stop, revolutions + 1).astype(int)
+            own = data.readings.tilt_x[first:stop] + 1j * data.readings.tilt_y[first:stop]
+            sizes = np.diff(edges)
+            knots = [np.add.reduceat(data.time[first:stop], edges[:-1] - first) / sizes]
+            values = [(np.add.reduceat(own, edges[:-1] - first) / sizes - reading[0]) / reading[1]]
+    from_start, to_end = where.start > 0, after[0] is not None
+    at = np.concatenate([[begin] * from_start, *knots, [end] * to_end])
+    tilt = np.concatenate([[before[0]] * from_start, *values, [after[0]] * to_end])
+    if not len(at):
+        at, tilt = np.array([begin]), np.array([before[0]])
+    slow = np.interp(time, at, tilt.real) + 1j * np.interp(time, at, tilt.imag)
+    place = np.clip(np.searchsorted(at, time) - 1, 0, max(len(at) - 2, 0))
+    inside = (time >= at[0]) & (time <= at[-1])
+    slopes = np.diff(tilt) / np.diff(at) if len(at) > 1 else np.zeros(1, dtype=complex)
+    way = tilt[-1] - tilt[0]
+    part = (
+        np.clip(((slow - tilt[0]) * np.conj(way)).real / abs(way) ** 2, 0.0, 1.0) if abs(way) > 1e-3 else
+        (time - begin) / (end - begin)
+    )  # fmt: skip
+    waves = before[1] * (1.0 - part[:, None]) + after[1] * part[:, None]
+    _fill(course, where, slow, np.where(inside, slopes[place], 0.0), waves)
+
+
+def _set_spin(course: Course, w: Windows, data: Samples | None) -> None:
+    """Write spin angle and spin rate."""
+    time = course.start + course.step * np.arange(len(course.points))
+    if data is not None:
+        course.points[:, 5] = np.interp(time, data.time, data.readings.spin_rate)
+        angle = np.interp(time, data.time, np.unwrap(data.readings.spin_angle))
+    else:
+        speeds = w.mean_spin if len(w) else np.zeros(1)
+        course.points[:, 5] = np.interp(time, w.middle if len(w) else np.zeros(1), speeds)
+        angle = np.cumsum(course.points[:, 5], dtype=float) * course.step
+    course.points[:, 4] = angle % (2.0 * math.pi)
+
+
+def _slow(w: Windows, bench: Bench, data: Samples | None, begin: float, end: float) -> Array:
+    """Return the slow quantities of the laws, a row every `_ROW` seconds."""
+    time = begin + _ROW * (np.arange(max(math.ceil((end - begin) / _ROW), 1) + 1) + 0.5)
+    still = {"T_coil": "air_temperature", "T_air": "air_temperature", "T_winding": "air_temperature"}
+    columns: dict[str, Array] = {name: np.full(len(time), bench.value(own)) for name, own in still.items()}
+    columns["T_motor"] = columns["T_air"]
+    pressure, current = np.full(len(time), bench.value("air_pressure")), np.zeros(len(time))
+    if data is not None:
+        block = np.clip(((data.time - begin) / _ROW).astype(np.int64), 0, len(time) - 1)
+        number = np.bincount(block, minlength=len(time))
+        known = np.flatnonzero(number)
+
+        def averaged(name: str) -> Array:
+            sums = np.bincount(block, weights=data.readings[name], minlength=len(time))
+            return np.interp(time, time[known], sums[known] / number[known])
+
+        columns["T_coil"], columns["T_air"] = averaged("coil_temperature"), averaged("air_temperature")
+        pressure, current = averaged("air_pressure"), averaged("motor_current")
+        when, warm, _ = motor_temperatures(data, bench)
+        columns["T_winding"], columns["T_motor"] = (np.interp(time, when, warm[:, k]) for k in (0, 1))
+    elif len(w):
+        shown = {"T_coil": w.coil_temperature, "T_air": w.air_temperature}
+        shown |= {"T_winding": w.motor_temperatures[:, 0], "T_motor": w.motor_temperatures[:, 1]}
+        columns |= {name: np.interp(time, w.middle, values) for name, values in shown.items()}
+        pressure, current = (np.interp(time, w.middle, own) for own in (w.air_pressure, w.motor_current))
+    columns["rho"] = np.maximum(pressure, 0.0) / (bench.value("gas_constant") * columns["T_air"])
+    columns["i_motor"] = current
+    return np.column_stack([*(columns[name] for name in _SLOW), _attitude(w, data, time)])
+
+
+def _attitude(w: Windows, data: Samples | None, time: Any) -> Array:
+    """Return the directions of the rig at some times (m, 7), as `Instant` has them."""
+    if data is None and len(w):
+        row = np.clip(np.searchsorted(w.start, time, side="right") - 1, 0, len(w) - 1)
+        own = {name: getattr(w, name)[row] for name in ("up", "up_across", "home_x", "home_y")}
+    else:
+        events = sorted(data.environment if data is not None else (), key=lambda event: event.time)
+        states = [attitude(event) for event in (Environment(), *events)]
+        row = np.searchsorted([event.time for event in events], time, side="right")
+        own = {name: np.array([state[name] for state in states])[row] for name in states[0]}
+    across = (part for name in ("up_across", "home_x", "home_y") for part in (own[name].real, own[name].imag))
+    assert Instant._fields[-7:] == ("up", "up_x", "up_y", "home_xx", "home_xy", "home_yx", "home_yy")
+    return np.column_stack([own["up"], *across])

@@ -1,0 +1,181 @@
+"""Laws with a memory in the analysis: the motion between windows, the states along it, and their fit."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
+from gyrowheel_analysis.balance.history import History, course_of
+from gyrowheel_analysis.balance.motion import NODES
+from gyrowheel_analysis.fitting.fit import Term
+from gyrowheel_analysis.fitting.preparation import prepare, samples_of
+from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.reduction.samples import Samples
+from gyrowheel_analysis.reduction.segmentation import planned_windows, reduce
+from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_recording.bags import Recording
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects.user_defined_line import typed_effect
+from gyrowheel_sim.plant.scenario import Scenario
+
+from .machines import hidden_machine, record
+
+BENCH = Bench.load()
+PHASES = np.arange(12) * (2.0 * math.pi / 12)
+LAG = typed_effect("lag: -k*s; d(s)/dt = (z - s)/tau; s(0) = z; tau = 3 +- 2 [s]; k = 0.02 [N*m/rad]")
+CABLE = typed_effect(
+    "cable: -F*s; d(s)/dt = (z_rate - s*abs(z_rate))/b; b = 0.03 +- 0.01 [rad]; F = 0.001 [N*m]"
+)
+RUN_IN = typed_effect(
+    "run_in: shaft_torque = -f*q; d(q)/dt = -q*r/w; q(0) = 1; q [1]; w = 30 +- 15 [s]; f = 0.001 [N*m]"
+)
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory: pytest.TempPathFactory) -> Samples:
+    return samples_of(record(tmp_path_factory.mktemp("run"), "run", hidden_machine(4, {}), "check"))
+
+
+@pytest.fixture(scope="module")
+def windows(samples: Samples) -> Windows:
+    return reduce(samples, BENCH)
+
+
+def test_the_course_follows_the_rotor_within_and_between_windows(samples: Samples, windows: Windows) -> None:
+    course = course_of(windows, BENCH, samples)
+    time = course.start + course.step * np.arange(len(course.points))
+    read = np.column_stack([np.interp(time, samples.time, samples.readings[n]) for n in ("tilt_x", "tilt_y")])
+    off = np.abs(np.tan(read) - course.points[:, :2])
+    inside = np.zeros(len(time), dtype=bool)
+    for start, length in zip(windows.start, windows.duration, strict=True):
+        inside |= (time > start) & (time < start + length)
+    assert 0.3 < inside.mean() < 0.95
+    assert np.sqrt(np.mean(off[inside] ** 2)) < 3.0e-5  # the noise of a reading is 2e-5
+    assert off.max() < 0.004  # between them it is averaged over a revolution, in which a ramp moves on
+    assert np.sqrt(np.mean(off[~inside] ** 2)) < 5.0e-4
+    # a rate that counts every movement must sum up to the tilt
+    summed = np.cumsum(course.points[:, 2:4].astype(float), axis=0) * course.step
+    assert np.abs(summed - (course.points[:, :2] - course.points[0, :2])).max() < 0.003
+
+
+def test_motion_below_the_noise_is_no_movement(samples: Samples, windows: Windows) -> None:
+    """The noise of the readings, differentiated, would wind a friction round and round."""
+    course = course_of(windows, BENCH, samples)
+    upright = np.flatnonzero(np.abs(windows.mean_tilt) < 1e-3)
+    assert len(upright)
+    for row in upright:
+        own = slice(
+            course.place(windows.start[row]), course.place(windows.start[row] + windows.duration[row])
+        )
+        assert np.abs(course.points[own, 2] + 1j * course.points[own, 3]).mean() < 2.0e-3
+
+
+def test_states_follow_their_rate_along_the_course(samples: Samples, windows: Windows) -> None:
+    """Against the exact answer of a first-order lag, point by point."""
+    history = History(windows, BENCH, samples)
+    found = history.states(LAG, LAG.defaults(), NODES, PHASES)["s"].mean(axis=2)
+    course = history.course
+    tilt = course.points[:, 0] + 1j * course.points[:, 1].astype(float)
+    s, along = complex(tilt[0]), []
+    left = math.exp(-course.step / 3.0)
+    for before, after in itertools.pairwise(tilt):
+        along.append(s)
+        s = left * s + (1.0 - left) * 0.5 * (before + after)
+    time = windows.middle[:, None] + 0.5 * windows.duration[:, None] * NODES
+    wanted = np.interp(time, course.start + course.step * np.arange(len(along)), np.array(along))
+    assert np.abs(wanted).max() > 0.02
+    assert np.abs(found - wanted).max() < 2.0e-4
+
+
+def test_a_plan_that_was_never_run_has_a_history_too() -> None:
+    windows = planned_windows(Plan.load("quick"), BENCH)
+    found = History(windows, BENCH).states(LAG, LAG.defaults(), NODES, PHASES)["s"]
+    assert found.shape == (len(windows), len(NODES), len(PHASES))
+    assert 0.01 < np.abs(found).max() < 0.07
+
+
+@pytest.mark.parametrize("missing", [(4.0, 9.0), (0.0, 3.0)])
+def test_a_state_goes_on_through_a_pause(samples: Samples, missing: tuple[float, float]) -> None:
+    kept = (samples.time < missing[0]) | (samples.time > missing[1])
+    assert samples.sequence is not None
+    fewer = replace(
+        samples, time=samples.time[kept], readings=samples.readings[kept], sequence=samples.sequence[kept],
+        commanded=None,
+    )  # fmt: skip
+    windows = reduce(fewer, BENCH)
+    found = History(windows, BENCH, fewer).states(LAG, LAG.defaults(), NODES, PHASES)["s"]
+    assert np.isfinite(found).all()
+    # long after the pause nothing is left of what happened in it
+    whole = reduce(samples, BENCH)
+    before = History(whole, BENCH, samples).states(LAG, LAG.defaults(), NODES, PHASES)["s"]
+    assert np.abs(found[-1] - before[-1]).max() < 5.0e-4
+
+
+def test_the_derivative_by_an_amplitude_is_the_state(samples: Samples, windows: Windows) -> None:
+    balance = Balance(windows, BENCH, history=History(windows, BENCH, samples))
+    values = BENCH.values()
+    at = balance.instants(values, [])
+    quick = balance.changed(at, values, LAG, None, LAG.defaults())
+    whole = balance.predicted(values, [ActiveEffect(LAG, LAG.defaults())])
+    assert quick is not None
+    assert np.abs(quick - whole).max() < 1.0e-3 * np.abs(whole - balance.rows_at(at, values)).max()
+    state = balance.motion.remembered(LAG, LAG.defaults())["s"].mean(axis=(1, 2))
+    added = (whole - balance.rows_at(at, values))[balance.row("tilt_x")]
+    assert added == pytest.approx(LAG.defaults()["k"] * state.real, abs=2.0e-6)
+
+
+@pytest.fixture(scope="module")
+def remembered(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
+    """Return recordings of a machine with two laws that were typed; they are compiled for it."""
+    folder: Path = tmp_path_factory.mktemp("memory")
+    machine = hidden_machine(6, {})
+    effects = (CABLE, RUN_IN)
+    machine = Scenario(
+        machine.values,
+        {e.name: e.defaults() for e in effects},
+        machine.noise_seed,
+        {e.name: e for e in effects},
+    )
+    return {plan: record(folder, plan, machine, plan) for plan in ("quick", "check")}
+
+
+@pytest.mark.slow
+def test_typed_laws_with_a_memory_are_fitted_and_hold_on_unused_data(
+    remembered: dict[str, Recording], tmp_path: Path
+) -> None:
+    """Hidden in the compiled plant, found lacking, fitted, written, read again, and judged on another recording."""
+    ready = prepare([remembered["quick"]], Model.new(), validate=[remembered["check"]])
+    terms = [Term(effect.name, effect) for effect in (CABLE, RUN_IN)]
+    without, found = ready.problem.fit(()), ready.problem.fit(terms)
+    assert without.chi2 - found.chi2 > 300.0
+    for effect in (CABLE, RUN_IN):
+        for name, true in effect.defaults().items():
+            error = max(
+                found.standard_error(effect.name, name), 0.05 * true
+            )  # below the noise the rotor moves, too
+            assert abs(found.coefficients[effect.name][name] - true) < 4.0 * error, name
+    model = replace(
+        Model.new(),
+        effects={e.name: found.coefficients[e.name] for e in (CABLE, RUN_IN)},
+        effect_errors={
+            e.name: {c.name: found.standard_error(e.name, c.name) for c in e.coefficients}
+            for e in (CABLE, RUN_IN)
+        },
+        declared={e.name: e for e in (CABLE, RUN_IN)},
+    )
+    model.save(tmp_path / "model.yaml")
+    again = Model.load(tmp_path / "model.yaml")
+    assert again.declared["cable"].states == CABLE.states
+    unused = prepare([remembered["check"]], again).problem
+    bare = prepare([remembered["check"]], Model.new()).problem
+    for problem, good in ((unused, True), (bare, False)):
+        fit = problem.fit(())
+        white = problem.noise.whiten(fit.residual)
+        assert (float(white @ white) / len(white) < 1.44) == good
