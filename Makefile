@@ -38,7 +38,7 @@ ifdef _ROS_WHEELS_BOOTSTRAP_COMPLETE
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH
 endif
 
-.PHONY: all demo test quick studies workspace fuzz bench lint docs notebooks site lock clean help
+.PHONY: all demo test quick studies workspace wheels oldest fuzz bench lint docs notebooks site lock clean help
 
 all: $(DONE)/packages ## create .venv and install the nine packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
@@ -91,6 +91,14 @@ fuzz: $(DONE)/packages ## try damaged input of every kind for MINUTES=5; what go
 
 workspace: $(DONE)/packages ## build and test the packages by colcon (ARGS="-k units" picks some)
 	@$(BIN)/python -m tools.workspace $(ARGS)
+
+wheels: $(DONE)/packages ## build the packages as wheels, check them and try them in an empty environment (ARGS=--lowest)
+	@$(PIP) install uv
+	@$(BIN)/python -m tools.wheels $(ARGS)
+
+oldest: $(DONE)/packages ## run the fast tests with the lowest versions that the packages state (ARGS="-k units" picks some)
+	@$(PIP) install uv
+	@$(BIN)/python -m tools.wheels --lowest --tests $(ARGS)
 
 bench: $(DONE)/packages ## measure speed and accuracy beside other tools; figures in bench.json (ARGS=simulation)
 	@$(BIN)/python -m benchmarks $(ARGS)

@@ -6,7 +6,9 @@ The requirements are read from their pyproject.toml files. ``make lock`` calls t
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCK = ROOT / "requirements.lock"
@@ -17,16 +19,37 @@ HEADER = """\
 """
 
 
+def _projects() -> list[dict[str, Any]]:
+    return [tomllib.loads(path.read_text()) for path in sorted((ROOT / "src").glob("*/pyproject.toml"))]
+
+
+def _groups() -> dict[str, list[str]]:
+    groups: dict[str, list[str]] = tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]
+    return groups
+
+
+def _without_own(wanted: Iterable[str]) -> list[str]:
+    return sorted({name for name in wanted if not name.startswith("gyrowheel-")})
+
+
+def needed_to_run() -> list[str]:
+    """Return what the packages need to run, extras included, without our packages."""
+    projects = [package["project"] for package in _projects()]
+    lists = [own["dependencies"] for own in projects]
+    for own in projects:
+        lists += [names for extra, names in own.get("optional-dependencies", {}).items() if extra != "test"]
+    return _without_own(name for names in lists for name in names)
+
+
+def needed_to_test() -> list[str]:
+    """Return what the fast tests need besides."""
+    return _without_own(_groups()["test"])
+
+
 def requirements() -> list[str]:
-    """Return the requirements of the pyproject.toml files, without our packages."""
-    wanted: set[str] = set()
-    for group in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"].values():
-        wanted.update(group)
-    for path in sorted((ROOT / "src").glob("*/pyproject.toml")):
-        package = tomllib.loads(path.read_text())
-        wanted.update(package["build-system"]["requires"])
-        wanted.update(package["project"]["dependencies"])
-    return sorted(name for name in wanted if not name.startswith("gyrowheel-"))
+    """Return the requirements of all pyproject.toml files, without our packages."""
+    builds = [package["build-system"]["requires"] for package in _projects()]
+    return _without_own(name for names in (needed_to_run(), *builds, *_groups().values()) for name in names)
 
 
 def main() -> int:

@@ -2,7 +2,7 @@
 
 from setuptools import find_packages, setup
 
-setup(
+made = setup(
     name="gyrowheel",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel", "gyrowheel.*"]),
@@ -13,3 +13,5 @@ setup(
     ],
     entry_points={"console_scripts": ["gyrowheel = gyrowheel.cli.app:main"]},
 )
+# colcon evaluates what it finds in the result, and cannot evaluate what setuptools makes of requires-python
+made.python_requires = made.metadata.python_requires = None

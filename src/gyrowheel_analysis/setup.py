@@ -4,7 +4,7 @@ from glob import glob
 
 from setuptools import find_packages, setup
 
-setup(
+made = setup(
     name="gyrowheel-analysis",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel_analysis", "gyrowheel_analysis.*"]),
@@ -15,3 +15,5 @@ setup(
         ("lib/gyrowheel_analysis", sorted(glob("scripts/*"))),
     ],
 )
+# colcon evaluates what it finds in the result, and cannot evaluate what setuptools makes of requires-python
+made.python_requires = made.metadata.python_requires = None

@@ -2,7 +2,7 @@
 
 from setuptools import find_packages, setup
 
-setup(
+made = setup(
     name="gyrowheel-core",
     version="0.1.0",
     packages=find_packages(include=["gyrowheel_core", "gyrowheel_core.*"]),
@@ -12,3 +12,5 @@ setup(
         ("share/gyrowheel_core", ["package.xml"]),
     ],
 )
+# colcon evaluates what it finds in the result, and cannot evaluate what setuptools makes of requires-python
+made.python_requires = made.metadata.python_requires = None

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from gyrowheel_bringup.graph.nodes import EXECUTABLES, MODULES, SHARED_MODULE, find_executable
+from tools import lock
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
@@ -124,6 +125,25 @@ def test_pip_is_told_the_same(package: str) -> None:
     for key, version in depends(package).items():
         if version is not None:
             assert bounds[key.removeprefix("python3-")] == version
+
+
+def test_a_lowest_version_is_the_same_wherever_it_is_stated() -> None:
+    stated: dict[str, set[str]] = {}
+    for entry in lock.requirements():
+        name, _, low = entry.partition(">=")
+        stated.setdefault(name.lower().replace("_", "-"), set()).update({low} - {""})
+    assert [name for name, low in stated.items() if len(low) > 1] == []
+
+
+def test_every_package_states_the_same_python_and_who_made_it() -> None:
+    projects = [tomllib.loads((SRC / name / "pyproject.toml").read_text())["project"] for name in PACKAGES]
+    for key in ("requires-python", "authors", "urls"):
+        assert all(own[key] == projects[0][key] for own in projects), key
+    lowest = projects[0]["requires-python"].removeprefix(">=")
+    assert f"Python {lowest} or " in (ROOT / "README.md").read_text()
+    assert f"for Python {lowest} on Linux" in lock.HEADER
+    for own in projects:
+        assert f"Programming Language :: Python :: {lowest}" in own["classifiers"]
 
 
 def test_the_page_installs_by_pip_what_rosdep_does_not() -> None:

@@ -145,7 +145,6 @@ _END = "# --- end of kernel ---"
 _HEADER = """\
 import math
 from collections import namedtuple
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -43,9 +43,9 @@ def names(columns: type[Column]) -> tuple[str, ...]:
 
 
 def source(columns: type[Column]) -> str:
-    """Return the indices as source for compiled code, which takes only names and numbers."""
-    lines = [f"    {name} = {place}" for place, name in enumerate(names(columns))]
-    return "\n".join([f"class {columns.__name__}(IntEnum):", *lines]) + "\n"
+    """Return the indices as source for compiled code: a named tuple, which every numba takes for an index."""
+    own, fields = columns.__name__, names(columns)
+    return f'{own} = namedtuple("{own}", "{" ".join(fields)}")(*range({len(fields)}))\n'
 
 
 class Reading(Column):

@@ -28,7 +28,6 @@ A voltage acts one sample after the step that has it, as on a computer that writ
 
 import math
 from collections import namedtuple
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
