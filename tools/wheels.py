@@ -113,7 +113,7 @@ def main(words: Sequence[str] | None = None) -> int:
         name = "oldest" if asked.lowest else "newest"
         python = environment(BUILD / name, wheels, asked.python, lowest=asked.lowest, tests=tests)
         if tests:
-            run([python, "-P", "-m", "pytest", "-m", "not slow and not graph", *asked.tests])
+            run([python, "-m", "pytest", "-m", "not slow and not graph", *asked.tests])
         else:
             tried(python)
     except subprocess.CalledProcessError as error:

@@ -19,7 +19,7 @@ from gyrowheel_core.files import read_text
 from gyrowheel_recording.bags import Recording, RecordingWriter
 from gyrowheel_recording.bags.columns import definition
 from gyrowheel_recording.mapping import ColumnMap, import_table
-from gyrowheel_recording.tables import read_grid
+from gyrowheel_recording.tables import apart, read_grid
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.user_defined_line import typed_effect
 from gyrowheel_sim.environment import from_json
@@ -125,17 +125,9 @@ def test_a_bench_of_brackets_or_digits_in_a_recording(text: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("length", "number", "said"),
-    [
-        (5, 1, ""),
-        (16385, 1, "the text of an attribute is not at byte"),
-        (5, 7, "the text of an attribute is not at byte"),
-    ],
-    ids=["whole", "longer", "another"],
+    ("length", "number"), [(5, 1), (16385, 1), (5, 7)], ids=["whole", "longer", "another"]
 )
-def test_a_unit_in_hdf5_that_is_not_where_it_should_be(
-    length: int, number: int, said: str, tmp_path: Path
-) -> None:
+def test_a_unit_in_hdf5_that_is_not_where_it_should_be(length: int, number: int, tmp_path: Path) -> None:
     """HDF5 read beyond its memory, and the program ended."""
     import h5py
 
@@ -148,14 +140,14 @@ def test_a_unit_in_hdf5_that_is_not_where_it_should_be(
     stored = struct.pack("<IQI", 5, heap, 1)
     assert content.count(stored) == 1
     file.write_bytes(content.replace(stored, struct.pack("<IQI", length, heap, number)))
-    if not said:
+    if (length, number) == (5, 1):
         assert read_grid(file).columns["x"].unit == "deg/s"
         return
-    with pytest.raises(InputError, match=f"damaged: {said}"):
+    with pytest.raises(InputError, match=r"t\.h5: cannot be read: "):
         read_grid(file)
 
 
-def test_a_heap_of_hdf5_without_an_end(tmp_path: Path) -> None:
+def test_a_heap_of_hdf5_without_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """HDF5 looked for the end of the heap for ever: what is free in it has no size."""
     import h5py
 
@@ -167,7 +159,8 @@ def test_a_heap_of_hdf5_without_an_end(tmp_path: Path) -> None:
     heap = content.find(b"GCOL")
     content[heap + 16 : heap + 16 + 24] = bytes(24)
     file.write_bytes(content)
-    with pytest.raises(InputError, match="damaged: the text of an attribute is not at byte"):
+    monkeypatch.setattr(apart, "_TIME", 1.0)
+    with pytest.raises(InputError, match=r"t\.h5: cannot be read: "):
         read_grid(file)
 
 

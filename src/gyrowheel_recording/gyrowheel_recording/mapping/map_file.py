@@ -214,7 +214,7 @@ def _schema_of(group: str) -> type[Section]:
     fields: dict[str, Any] = {
         name: (Annotated[Source, _fit(reading)] | None, None)
         if reading.optional
-        else Annotated[Source, _fit(reading)]
+        else (Annotated[Source, _fit(reading)], ...)
         for name, reading in GROUPS[group].items()
     }
     return create_model(group, __base__=Section, **fields)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from gyrowheel_core.errors import InputError
+from gyrowheel_recording.tables import apart
 from gyrowheel_recording.tables.grid import Grid
 from gyrowheel_recording.tables.readers import arrow, bag, hdf5, lvm, matlab, mdf, tdms
 from gyrowheel_recording.tables.readers import text_table as texts
@@ -25,8 +28,8 @@ class Format:
     title: str  # what it is called
     endings: tuple[str, ...]  # usual endings, by which a file is known that does not show what it is
     begins: Callable[[bytes], bool]  # whether a file that begins with some bytes is of it
-    #: Reads some columns of a file, or all; see `read_grid`.
-    read: Callable[[Path, Sequence[str] | None], Grid]
+    read: apart.Reader  # reads some columns of a file, or all; see `read_grid`
+    library: str = ""  # what reads it, in a process of its own (see `apart`); none where this project does
 
 
 def _never(head: bytes) -> bool:
@@ -34,18 +37,38 @@ def _never(head: bytes) -> bool:
 
 
 _FORMATS: Final = (
-    Format("parquet", "Parquet", (".parquet", ".pq"), lambda h: h.startswith(b"PAR1"), arrow.read),
-    Format("mat", "MATLAB, up to version 7", (".mat",), lambda h: h.startswith(b"MATLAB 5.0"), matlab.read),
+    Format(
+        "parquet",
+        "Parquet",
+        (".parquet", ".pq"),
+        lambda h: h.startswith(b"PAR1"),
+        arrow.read,
+        "pyarrow.parquet",
+    ),
+    Format(
+        "mat",
+        "MATLAB, up to version 7",
+        (".mat",),
+        lambda h: h.startswith(b"MATLAB 5.0"),
+        matlab.read,
+        "scipy.io",
+    ),
     Format(
         "hdf5",
         "HDF5, MATLAB version 7.3",
         (".h5", ".hdf5", ".hdf"),
         lambda h: h.startswith(_HDF5) or h[512:520] == _HDF5,
         hdf5.read,
+        "h5py",
     ),
-    Format("tdms", "TDMS", (".tdms",), lambda h: h.startswith(b"TDSm"), tdms.read),
+    Format("tdms", "TDMS", (".tdms",), lambda h: h.startswith(b"TDSm"), tdms.read, "nptdms"),
     Format(
-        "mdf", "MDF", (".mf4", ".mdf", ".dat"), lambda h: h.startswith((b"MDF     ", b"UnFinMF ")), mdf.read
+        "mdf",
+        "MDF",
+        (".mf4", ".mdf", ".dat"),
+        lambda h: h.startswith((b"MDF     ", b"UnFinMF ")),
+        mdf.read,
+        "asammdf",
     ),
     Format("lvm", "text of LabVIEW", (".lvm",), lambda h: h.startswith(lvm.MAGIC), lvm.read),
     Format(
@@ -54,6 +77,7 @@ _FORMATS: Final = (
         (".bag", ".mcap", ".db3"),
         lambda h: h.startswith((b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3\0")),
         bag.read,
+        "rosbags",
     ),
     Format(
         "text",
@@ -126,4 +150,9 @@ def read_grid(path: Path, names: Sequence[str] | None = None) -> Grid:
     InputError
         If it cannot be read, or is larger than what may be read.
     """
-    return format_of(path).read(path, names)
+    form = format_of(path)
+    if not form.library:
+        return form.read(path, names)
+    with contextlib.suppress(ImportError):  # once, for all processes; the reader reports one that is missing
+        importlib.import_module(form.library)
+    return apart.read(form.read, path, names)

@@ -14,6 +14,7 @@ from gyrowheel_core.files import require_room
 
 BYTES_A_VALUE = 16  # as it is read, and as it is converted
 _NONE = 9.905e37  # 9.91E+37 is no number, 9.9E+37 beyond the range (SCPI 1999, volume 1, 7.2.1.4)
+_LONGEST_UNIT = 80  # characters
 _WIDEST = 64  # columns of a matrix; a wider one is no table of signals
 #: Cells that are no plain number: one with the other decimal sign, with signs between thousands, with its unit
 #: behind it, a time of day or a date, or any other text.
@@ -77,6 +78,9 @@ class Grid:
         """
         given, said = [], list(remarks)
         for column in columns:
+            if len(column.unit) > _LONGEST_UNIT:
+                said.append(f"{column.name}: a unit of {len(column.unit)} characters: not used")
+                column = replace(column, unit="")
             own, none = _without_overflow(column)
             given.append(own)
             if none:

@@ -14,8 +14,6 @@ import numpy as np
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_recording.tables.grid import Column
 
-#: What deflate packs by, at most.
-DEFLATED: Final = 1032
 _LONGEST: Final = 300  # characters of the message of a library
 _PIECE: Final = 1 << 24  # bytes
 
@@ -26,10 +24,8 @@ def library_errors(path: Path) -> Iterator[None]:
     try:
         with np.errstate(all="ignore"):
             yield
-    except InputError:
+    except (InputError, MemoryError):
         raise
-    except MemoryError:
-        raise InputError(f"{path}: cannot be read: it claims more memory than there is") from None
     except Exception as error:  # on damaged data libraries pass on whatever happens to them
         raise InputError(f"{path}: cannot be read: {short_message(error)}") from None
 

@@ -3,35 +3,24 @@
 from __future__ import annotations
 
 import math
-import mmap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.files import largest_unpacked, require_room
 from gyrowheel_recording.tables.grid import Column, Grid, require_table, split
-from gyrowheel_recording.tables.readers import (
-    DEFLATED,
-    inflate,
-    library_errors,
-    object_remarks,
-    short_message,
-)
+from gyrowheel_recording.tables.readers import library_errors, object_remarks, short_message
 
-_DEFLATE, _CHECKSUM, _LZF = 1, 3, 32000
-#: Filters that unpack to as much as is known before: shuffling, checksums, and what has the size among its values.
-_ONES: Final = (2, _CHECKSUM)
-_SIZED: Final = (5, 6)
-_LZF_MOST: Final = 88  # what LZF packs by, at most
+#: Filters that come with HDF5 and h5py: GZIP, shuffling, checksums, two that pack whole numbers, LZF.
+_FILTERS: Final = (1, 2, 3, 5, 6, 32000)
 _CURE: Final = "; h5repack writes them into one file, packed by GZIP"
 
 
 def require_plain(node: Any, path: Path, name: str) -> None:
-    """Refuse a data set that is in other files, or whose chunks could grow to more than the limit."""
+    """Refuse a data set that is in other files, or packed by what must be looked for."""
     where = f"{path}: {name}"
     if node.is_virtual:
         raise InputError(
@@ -41,166 +30,12 @@ def require_plain(node: Any, path: Path, name: str) -> None:
         raise InputError(
             f"{where}: its numbers are in another file (external storage), which is not read{_CURE}"
         )
-    if node.chunks is None:
-        return
-    size = math.prod(map(int, node.chunks)) * node.dtype.itemsize
-    require_room(size, f"{where}: a chunk of it")
     settings = node.id.get_create_plist()
-    filters = [settings.get_filter(k) for k in range(settings.get_nfilters())]
-    codes = [code for code, *_ in filters]
-    for code, _, values, kind in filters:
-        sized = code in _SIZED and len(values) > 4 and values[2] * values[4] <= size
-        if not (sized or code in (*_ONES, _DEFLATE, _LZF)) or codes.count(code) > 1:
+    for k in range(settings.get_nfilters()):
+        code, _, _, kind = settings.get_filter(k)
+        if code not in _FILTERS:  # HDF5 would look for a program that unpacks it
             title = kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
             raise InputError(f"{where}: its numbers are packed by {title or code}, which is not read{_CURE}")
-    if _DEFLATE in codes or _LZF in codes:
-        _require_chunks(node, where, codes, size)
-
-
-def _require_chunks(node: Any, where: str, codes: list[int], size: int) -> None:
-    """Refuse chunks that unpack to more than a chunk has, where that could matter."""
-    most = DEFLATED if _DEFLATE in codes else _LZF_MOST
-    if _DEFLATE in codes and _LZF in codes:
-        most *= _LZF_MOST
-    suspect: list[Any] = []
-
-    def note(chunk: Any) -> None:
-        if most * chunk.size > largest_unpacked():
-            suspect.append(chunk.chunk_offset)
-
-    node.id.chunk_iter(note)
-    packed_last = next(code for code in reversed(codes) if code != _CHECKSUM) == _DEFLATE
-    for place in suspect:
-        left_out, data = node.id.read_direct_chunk(place)
-        if not packed_last or left_out or sum(map(len, inflate(data, size + 1))) > size:
-            raise InputError(f"{where}: damaged: a chunk unpacks to more than the {size} bytes that it has")
-
-
-_ATTRIBUTE, _GOES_ON = 0x0C, 0x10  # types of messages
-_MOST_BLOCKS: Final = 1000  # of the head of a data set
-_LONGEST_TEXT: Final = 1 << 16  # bytes of a text
-_SHARED: Final = 2  # flag of a message that is elsewhere
-
-
-class Texts:
-    """The texts of a file, opened by its path and by h5py."""
-
-    def __init__(self, path: Path, file: Any) -> None:
-        self._path = path
-        self._base = int(file.userblock_size)
-        self._address, self._length = file.id.get_create_plist().get_sizes()
-        with path.open("rb") as stream:
-            self._data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-
-    def __enter__(self) -> Self:
-        """Return itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self._data.close()
-
-    def of(self, node: Any, name: str, count: int) -> list[str] | None:
-        """Return the texts in an attribute of a data set; None if the data set has its attributes elsewhere.
-
-        `count` is how many there are.
-
-        Raises
-        ------
-        InputError
-            If the file is damaged there.
-        """
-        import h5py
-
-        for body in self._attributes(h5py.h5o.get_info(node.id).addr):
-            stored = self._stored(body, name.encode())
-            if stored is not None:
-                width = 8 + self._address
-                return [self._text(stored[width * k : width * (k + 1)]) for k in range(count)]
-        return None
-
-    def _number(self, place: int, size: int) -> int:
-        return int.from_bytes(self._bytes(place, size), "little")
-
-    def _bytes(self, place: int, size: int) -> bytes:
-        data = self._data[place : place + size] if place >= 0 else b""
-        if len(data) < size:
-            raise self._damaged(place)
-        return data
-
-    def _attributes(self, address: int) -> Iterator[bytes]:
-        """Yield the messages with attributes in the head of a data set."""
-        begin = self._base + address
-        if self._bytes(begin, 4) == b"OHDR":
-            flags = self._number(begin + 5, 1)
-            at = begin + 6 + (16 if flags & 0x20 else 0) + (4 if flags & 0x10 else 0)
-            width = 1 << (flags & 3)
-            blocks = [(at + width, self._number(at, width))]
-            form = (
-                1,
-                4 + (2 if flags & 4 else 0),
-                4,
-            )  # bytes of a type, of what is before a message, and of a mark
-        else:
-            blocks = [(begin + 16, self._number(begin + 8, 4))]
-            form = 2, 8, 0
-        for count, (at, size) in enumerate(blocks):
-            if count > _MOST_BLOCKS:
-                raise self._damaged(begin)
-            end = at + size
-            while at + form[1] <= end:
-                kind = self._number(at, form[0])
-                length = self._number(at + form[0], 2)
-                shared = self._number(at + form[0] + 2, 1) & _SHARED
-                body = self._bytes(at + form[1], length)
-                if kind == _ATTRIBUTE and not shared:
-                    yield body
-                elif kind == _GOES_ON:
-                    place = self._base + int.from_bytes(body[: self._address], "little")
-                    more = int.from_bytes(body[self._address : self._address + self._length], "little")
-                    blocks.append((place + form[2], more - 2 * form[2]))
-                at += form[1] + length
-
-    def _stored(self, body: bytes, name: bytes) -> bytes | None:
-        """Return what a message stores, if it is of an attribute of that name."""
-        version, *sizes = body[:1], body[2:4], body[4:6], body[6:8]
-        lengths = [int.from_bytes(size, "little") for size in sizes]
-        at = 9 if version == b"\x03" else 8
-        if body[at : at + lengths[0]].rstrip(b"\0") != name:
-            return None
-        for length in lengths:
-            at += length + (-length % 8 if version == b"\x01" else 0)
-        return body[at:]
-
-    def _text(self, stored: bytes) -> str:
-        """Return the text that an attribute refers to."""
-        width = self._address
-        length, place, number = (
-            int.from_bytes(part, "little")
-            for part in (stored[:4], stored[4 : 4 + width], stored[4 + width : 8 + width])
-        )
-        if not length:
-            return ""
-        begin = self._base + place
-        if self._bytes(begin, 4) != b"GCOL":
-            raise self._damaged(begin)
-        size = 8 + self._length
-        end = begin + self._number(begin + 8, self._length)
-        at = begin + size + -size % 8
-        while at + size <= end:
-            own, room = self._number(at, 2), self._number(at + 8, self._length)
-            head = size + -size % 8
-            if own == number and length <= min(room, _LONGEST_TEXT):
-                return self._bytes(at + head, length).decode("utf-8", "replace").rstrip("\0")
-            if not own or own == number:
-                break
-            at += head + room + -room % 8
-        raise self._damaged(begin)
-
-    def _damaged(self, place: int) -> InputError:
-        return InputError(
-            f"{self._path}: damaged: the text of an attribute is not at byte {place}, as it should be"
-        )
 
 
 _UNITS: Final = ("unit", "units", "Unit", "Units", "UNIT")
@@ -218,8 +53,8 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read data sets that are vectors, matrices or records (see `formats.read_grid`)."""
     import h5py  # takes a while, as the other readers' libraries do
 
-    with library_errors(path), h5py.File(path, "r") as file, Texts(path, file) as texts:
-        found = _Found(path, names, _Attributes(texts))
+    with library_errors(path), h5py.File(path, "r") as file:
+        found = _Found(path, names, _Attributes())
         for name, node in _data_sets(file, path):
             found.add(name, node)
     return found.grid()
@@ -388,9 +223,6 @@ def _physical(node: Any, fields: list[str], attributes: _Attributes) -> Any:
 class _Attributes:
     """The attributes of what is in a file."""
 
-    def __init__(self, texts: Texts) -> None:
-        self._texts = texts
-
     def of(self, node: Any, name: str) -> Any:
         """Return the values of an attribute; none where there is no such one, or it is longer than any of interest."""
         import h5py
@@ -403,12 +235,8 @@ class _Attributes:
             or stored.dtype.itemsize > _WIDEST
         ):
             return np.zeros(0)
-        if stored.dtype.hasobject:
-            if not h5py.check_string_dtype(stored.dtype):
-                return np.zeros(0)
-            texts = self._texts.of(node, name, stored.get_space().get_simple_extent_npoints())
-            if texts is not None:
-                return np.array(texts, dtype=object)
+        if stored.dtype.hasobject and not h5py.check_string_dtype(stored.dtype):
+            return np.zeros(0)
         return np.asarray(node.attrs[name]).ravel()
 
     def numbers(self, node: Any, name: str) -> list[float]:

@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-import logging
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from gyrowheel_core.errors import InputError
 from gyrowheel_recording.tables.grid import Column, Grid, require_table
 from gyrowheel_recording.tables.readers import library, library_errors
 
 _NS: Final = 1e-9
-_SCALES: Final = re.compile(r"NI_Scale\[(\d+)\]")
-_MOST_SCALES: Final = 1000  # of a channel
 
 
 def read(path: Path, names: Sequence[str] | None) -> Grid:
     """Read channels as ``group/channel``, the times of waveforms as ``group/time`` (see `formats.read_grid`)."""
     nptdms = library("nptdms", "tdms", path)
-    nptdms.log.log_manager.set_level(logging.CRITICAL)  # its warnings are reported below
     columns: list[Column] = []
     clocks: dict[tuple[Any, ...], str] = {}
     remarks: list[str] = []
     # opened here, and below: of a path npTDMS takes what an index file next to it says, be it of another recording
     with library_errors(path), path.open("rb") as opened, nptdms.TdmsFile.open(opened) as file:
-        _require_scales(file.properties, path)
         channels = []
         size = 0.0
         for group in file.groups():
-            _require_scales(group.properties, path)
             for channel in group.channels():
-                _require_scales(channel.properties, path)
                 if len(channel) and channel.dtype.kind in "biufM":  # texts are not read
                     channels.append(channel)
                     size += len(channel) * max(channel.dtype.itemsize / 8.0, 1.0)
@@ -151,12 +142,3 @@ def _times(parts: Sequence[tuple[int, float, float]], rows: int) -> Any:
     for row, first, step in parts:
         result[row:] = first + step * (number[row:] - row)
     return result
-
-
-def _require_scales(properties: Mapping[str, Any], path: Path) -> None:
-    """Refuse more scales than a channel may have: npTDMS makes room for as many as are stated."""
-    found = [_SCALES.match(name) for name in properties]
-    most = max((int(own[1]) + 1 for own in found if own), default=0)
-    most = max(most, int(properties.get("NI_Number_Of_Scales", 0)))
-    if most > _MOST_SCALES:
-        raise InputError(f"{path}: damaged: a channel of {most} scales")
