@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gyrowheel as gw
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
 from gyrowheel_recording.bags import Recording
 
 from ..domains import next_domain
-from .helpers import SHORT_PLAN, Shell, write
+from .helpers import DRAG_PLAN, SHORT_PLAN, Shell, write
 from .test_drag import assert_same, recorded
 
 #: A machine with a learned parameter.
@@ -127,3 +128,49 @@ def test_a_failed_node_is_exit_3_with_its_last_output(gyrowheel: Shell, monkeypa
     result = gyrowheel("up", "--plan", "check")
     assert result.code == 3
     assert result.err.endswith("error: plant: killed by SIGKILL\nplant: killed\nlast words\n")
+
+
+@pytest.mark.slow
+def test_a_bench_that_runs_is_diagnosed_and_the_plan_may_end_early(gyrowheel: Shell, tmp_path: Path):
+    plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
+    gw.Model("gyrowheel").save(tmp_path / "model.yaml")
+    options = (
+        f"--plan {plan} --effect windage --record run --diagnose --model model.yaml --until settled".split()
+    )
+    done = subprocess.run(
+        [*COMMAND, "up", *options],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain()), "COLUMNS": "80"},
+    )
+    assert done.returncode == 0, done.stderr
+    looks = [line for line in done.stderr.splitlines() if " windows " in line]
+    assert looks
+    assert "windage" in looks[-1]
+    assert "gyrowheel" in done.stdout.rpartition("Next")[2]  # the page of the last look
+    if "plan drag: ended at" not in done.stderr:  # before it was settled, the bench had run the whole plan
+        assert "whole" in looks[-1]
+    assert Recording.open(tmp_path / "run").integrity().missing == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--diagnose"], "--diagnose: needs --record and --model"),
+        (["--diagnose", "--record", "run"], "--diagnose: needs --record and --model"),
+        (["--until", "settled"], "--until: needs --diagnose"),
+        (
+            ["--diagnose", "--record", "run", "--model", "m.yaml", "--until", "settled"],
+            "--until: needs --plan",
+        ),
+    ],
+)
+def test_options_of_a_diagnosis_that_do_not_go_together_are_refused(
+    options: list[str], words: str, gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    refused = gyrowheel("up", *options)
+    assert refused.code == 2
+    assert words in refused.err
+    assert not list(tmp_path.iterdir())

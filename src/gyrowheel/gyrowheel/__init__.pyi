@@ -20,6 +20,8 @@ from gyrowheel.comparison.api import compare_models as compare_models
 from gyrowheel.comparison.api import compare_sets as compare_sets
 from gyrowheel.diagnosis.api import Diagnosis as Diagnosis
 from gyrowheel.diagnosis.api import diagnose as diagnose
+from gyrowheel.diagnosis.looks import Look as Look
+from gyrowheel.diagnosis.looks import follow as follow
 from gyrowheel.drag_comparison.api import Drag as Drag
 from gyrowheel.drag_comparison.api import drag as drag
 from gyrowheel.investigation.api import Investigation as Investigation

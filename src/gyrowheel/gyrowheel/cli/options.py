@@ -124,6 +124,22 @@ RecordingMade: TypeAlias = Annotated[Path, option("-o --output DIR", "Recording 
 Mixed: TypeAlias = Annotated[bool, option("--mixed", "Join recordings that state different machines.")]
 
 
+Until: TypeAlias = Annotated[
+    str | None, option("--until settled", "End once an effect is settled.", "the recording ends")
+]
+
+
+def settled_only(until: str | None, followed: bool, option_name: str) -> bool:
+    """Return whether to end once an effect is settled; InputError for another word, or without a diagnosis."""
+    if until is None:
+        return False
+    if until != "settled":
+        raise InputError(f"--until: '{until}' is not allowed; allowed: settled")
+    if not followed:
+        raise InputError(f"--until: needs {option_name}")
+    return True
+
+
 def example(text: str) -> str:
     """Return the epilog of a help text: one example."""
     return f"Example: [cyan]{text}[/cyan]"

@@ -34,6 +34,7 @@ from gyrowheel.show.sentences.setup import cure, map_lines, problem
 from gyrowheel_core.quantities import quantity, span, with_error
 
 if TYPE_CHECKING:
+    from gyrowheel.diagnosis.looks import Look
     from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
     from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, InstrumentFinding
     from gyrowheel_analysis.diagnosis.result import Diagnosis
@@ -69,6 +70,16 @@ def diagnosis_page(result: Diagnosis) -> Iterator[RenderableType]:
     yield from readings(result)
     yield from _moved(result.nuisance)
     yield from detection_limits(result.limits)
+
+
+def look_line(look: Look) -> Text:
+    """Return a look at a recording in progress in a line."""
+    state = "settled" if look.settled else "whole" if look.complete else "so far"
+    return Text.assemble(
+        f"{look.recording.duration:7.1f} s  {look.diagnosis.windows:4d} windows  ",
+        (f"{state:<7}  ", "bold green" if look.settled else ""),
+        verdict_sentence(look.diagnosis),
+    )
 
 
 def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:

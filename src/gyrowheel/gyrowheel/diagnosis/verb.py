@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from typing import Annotated
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, finding, put, warn_of_changes, working
+from gyrowheel.cli.console import BAD_INPUT, finding, notes, put, warn_of_changes, working
 from gyrowheel.cli.options import (
     Averages,
     ErrorPicture,
@@ -15,9 +17,15 @@ from gyrowheel.cli.options import (
     Mixed,
     ModelFile,
     Recordings,
+    Until,
     Validation,
     option,
+    settled_only,
 )
+from gyrowheel_core.errors import InputError
+
+if TYPE_CHECKING:
+    from gyrowheel import Diagnosis, Model, Recording
 
 
 def diagnose(
@@ -29,6 +37,10 @@ def diagnose(
         bool, option("--fail-on-finding", "Exit with 1 unless nothing is missing.")
     ] = False,
     mixed: Mixed = False,
+    follow: Annotated[
+        bool, option("--follow", "Diagnose one recording while it is written, again after every hold.")
+    ] = False,
+    until: Until = None,
     picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
@@ -39,13 +51,22 @@ def diagnose(
     from gyrowheel.recordings.inputs import opened_apart
     from gyrowheel.show.layout import commands
 
-    loaded = gw.Model.load(model)
-    recordings, unused = opened_apart(directories, validate or ())
-    with working("diagnosing") as say:
-        result = gw.diagnose(
-            recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
+    loaded, interrupted = gw.Model.load(model), False
+    early = settled_only(until, follow, "--follow")
+    if follow:
+        if len(directories) > 1 or mixed:
+            raise InputError("--follow: allowed: one recording, which is being written, without --mixed")
+        recording, result, interrupted = _followed(
+            directories[0], loaded, validate or (), averages=averages, early=early
         )
-    warn_of_changes([*recordings, *unused])
+        recordings = [recording]
+    else:
+        recordings, unused = opened_apart(directories, validate or ())
+        with working("diagnosing") as say:
+            result = gw.diagnose(
+                recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
+            )
+        warn_of_changes([*recordings, *unused])
     if result.setup or result.misstated:
         put(result, json)
         raise typer.Exit(BAD_INPUT)
@@ -63,4 +84,27 @@ def diagnose(
             *commands("Next", *filter(None, [command])),
         ],
     )
+    if interrupted:
+        raise KeyboardInterrupt
     finding(fail_on_finding and result.verdict != "nothing_missing")
+
+
+def _followed(
+    directory: Path, model: Model, validate: Sequence[Path], *, averages: bool, early: bool
+) -> tuple[Recording, Diagnosis, bool]:
+    """Show every look at a recording on stderr; return the last one, and whether Ctrl-C ended it."""
+    from gyrowheel.diagnosis.looks import follow
+    from gyrowheel.diagnosis.page import look_line
+
+    last, interrupted = None, False
+    try:
+        for last in follow(directory, model, validate=validate, averages=averages):
+            notes().print(look_line(last), soft_wrap=True, highlight=False)
+            if early and last.settled:
+                break
+    except KeyboardInterrupt:
+        if last is None:
+            raise
+        interrupted = True
+    assert last is not None  # a recording that has ended is looked at
+    return last.recording, last.diagnosis, interrupted

@@ -23,15 +23,22 @@ from gyrowheel.cli.options import (
     Namespace,
     Seed,
     Truth,
+    Until,
     argument,
     option,
+    settled_only,
 )
 from gyrowheel.cli.outputs import NewRecording
 from gyrowheel.simulation.verb import model_of, note_belief, plan_on_bench, run_json
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
-    from gyrowheel.graph.api import GraphResult, Playing
+    from gyrowheel.graph.api import GraphResult, Playing, Progress
+    from gyrowheel.graph.follower import Follower
+
+
+class _Settled(Exception):
+    """An effect is settled before the plan has ended: the rest of the plan would not change that."""
 
 
 def up(
@@ -62,6 +69,14 @@ def up(
         int | None, option("--domain N", "ROS domain, 0 .. 101.", "ROS_DOMAIN_ID, or 0")
     ] = None,
     namespace: Namespace = "",
+    diagnose: Annotated[
+        bool,
+        option(
+            "--diagnose",
+            "Diagnose the recording while it is made, with the model of --model.",
+        ),
+    ] = False,
+    until: Until = None,
     logs: Annotated[bool, option("--logs", "Show the logs of the nodes.")] = False,
     json: Json = None,
 ) -> None:
@@ -73,6 +88,11 @@ def up(
     from gyrowheel.graph import api as graphs
     from gyrowheel.recordings.api import machine_options, note_machine
 
+    early = settled_only(until, diagnose, "--diagnose")
+    if diagnose and (record is None or model is None):
+        raise InputError("--diagnose: needs --record and --model")
+    if early and plan is None:
+        raise InputError("--until: needs --plan, which it ends")
     believed, machine_model = model_of(model), model_of(truth)
     chosen = None if plan is None else plan_on_bench(plan, bench, machine_model, believed)
     note_belief(believed, alone=not (effect or truth or blind or machine is not None))
@@ -93,23 +113,49 @@ def up(
         logs=logs,
         on_trouble=lambda node, text: notes().print(f"{node}: {text}", soft_wrap=True, highlight=False),
     )
-    with contextlib.ExitStack() as stack:
-        with working("starting the nodes"):
-            stack.enter_context(graph)
-        notes().print("  ".join(f"{name} {pid}" for name, pid in graph.pids.items()), soft_wrap=True)
-        if chosen is None:
-            notes().print("the bench runs; Ctrl-C ends it")
-            graph.wait()
-            return
-        with advancing(f"plan {chosen.name}") as advance:
-            result = graph.run(progress=lambda p: advance(min(p.elapsed / p.duration, 1.0)))
-            advance(1.0)
-    if record is not None:
-        note_machine(
-            Recording(record),
-            machine_options(effect=effect, truth=truth, blind=blind, machine=machine, seed=seed, bench=bench),
-        )
-    _report(result, json)
+    with contextlib.ExitStack() as after:  # the diagnosis ends after the bench, with the whole recording
+        looks: Follower | None = None
+        result: GraphResult | None = None
+        with contextlib.ExitStack() as stack:
+            with working("starting the nodes"):
+                stack.enter_context(graph)
+            notes().print("  ".join(f"{name} {pid}" for name, pid in graph.pids.items()), soft_wrap=True)
+            if diagnose and record is not None and model is not None:
+                from gyrowheel.graph.follower import Follower
+
+                looks = after.enter_context(Follower(record, model, early=early, quiet=json == "-"))
+            if chosen is None:
+                notes().print("the bench runs; Ctrl-C ends it")
+                graph.wait()
+                return
+            ended, begin = 0.0, time.monotonic()
+            with advancing(f"plan {chosen.name}") as advance:
+
+                def progress(now: Progress) -> None:
+                    nonlocal ended
+                    ended = now.elapsed
+                    advance(min(now.elapsed / now.duration, 1.0))
+                    if early and looks is not None and looks.ended:
+                        raise _Settled
+
+                try:
+                    result = graph.run(progress=progress)
+                    advance(1.0)
+                except _Settled:
+                    notes().print(
+                        f"plan {chosen.name}: ended at {ended:.0f} s of {chosen.duration:.0f} s: settled"
+                    )
+        if record is not None:
+            note_machine(
+                Recording(record),
+                machine_options(
+                    effect=effect, truth=truth, blind=blind, machine=machine, seed=seed, bench=bench
+                ),
+            )
+        if result is not None:
+            _report(result, json)
+        elif json is not None:
+            put_json(json, run_json(chosen.name, str(record), ended, time.monotonic() - begin))
 
 
 def _report(result: GraphResult, json: str | None) -> None:

@@ -86,7 +86,12 @@ class Salvaged:
 
 
 def salvage(
-    source: str | Path, target: str | Path, *, every_file: bool = False, progress: Fraction | None = None
+    source: str | Path,
+    target: str | Path,
+    *,
+    every_file: bool = False,
+    unfinished: bool = False,
+    progress: Fraction | None = None,
 ) -> Salvaged:
     """Make a complete recording of the readable part of a broken one.
 
@@ -99,6 +104,8 @@ def salvage(
     every_file : bool
         Whether to take files too that ``metadata.yaml`` does not name, which are left out otherwise. Where nothing
         names the files, all are taken but copies of one another.
+    unfinished : bool
+        Whether to take what is written so far of a recording in progress, which is refused otherwise.
     progress : callable, optional
         Called with the fraction done.
 
@@ -109,7 +116,7 @@ def salvage(
     """
     source, target = Path(source), Path(target)
     files, stated, left_out = _sources(source, every_file)
-    if being_written(source):
+    if not unfinished and being_written(source):
         raise InputError(f"{source}: is being recorded; stop the recorder first")
     require_new(target)
     if source.is_dir() and source.resolve() in target.resolve().parents:
