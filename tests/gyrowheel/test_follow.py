@@ -59,7 +59,7 @@ def test_a_recording_is_diagnosed_while_it_is_written_and_at_its_end(
 def test_the_verb_shows_each_look_and_the_page_of_the_last(gyrowheel: Shell, wheel: Wheel) -> None:
     asked = (wheel.recording, "--model", wheel.model)
     shown = gyrowheel.good("diagnose", "--follow", *asked)
-    (line,) = shown.err.splitlines()
+    (line,) = (own for own in shown.err.splitlines() if " windows " in own)
     assert " windows  whole " in line
     assert "windage" in line
     assert shown.out == gyrowheel.good("diagnose", *asked).out

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from gyrowheel.diagnosis.api import Diagnosis, diagnose
 from gyrowheel.models.api import Model
@@ -47,6 +48,11 @@ class Look:
     diagnosis: Diagnosis
     settled: bool
     complete: bool
+
+    @property
+    def state(self) -> Literal["settled", "whole", "so far"]:
+        """Its state in a word or two."""
+        return "settled" if self.settled else "whole" if self.complete else "so far"
 
 
 def follow(

@@ -34,7 +34,6 @@ from gyrowheel.show.sentences.setup import cure, map_lines, problem
 from gyrowheel_core.quantities import quantity, span, with_error
 
 if TYPE_CHECKING:
-    from gyrowheel.diagnosis.looks import Look
     from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
     from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, InstrumentFinding
     from gyrowheel_analysis.diagnosis.result import Diagnosis
@@ -72,14 +71,11 @@ def diagnosis_page(result: Diagnosis) -> Iterator[RenderableType]:
     yield from detection_limits(result.limits)
 
 
-def look_line(look: Look) -> Text:
-    """Return a look at a recording in progress in a line."""
-    state = "settled" if look.settled else "whole" if look.complete else "so far"
-    return Text.assemble(
-        f"{look.recording.duration:7.1f} s  {look.diagnosis.windows:4d} windows  ",
-        (f"{state:<7}  ", "bold green" if look.settled else ""),
-        verdict_sentence(look.diagnosis),
-    )
+def look_line(found: Diagnosis, seconds: float, state: str) -> Text:
+    """Return the diagnosis of a recording in progress, `seconds` long so far, in a line."""
+    style = "bold green" if state == "settled" else ""
+    place = f"{seconds:7.1f} s  {found.windows:4d} windows  "
+    return Text.assemble(place, (f"{state:<7}  ", style), verdict_sentence(found))
 
 
 def setup_page(found: Sequence[WrongSetup]) -> Iterator[RenderableType]:

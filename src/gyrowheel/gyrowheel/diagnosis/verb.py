@@ -99,7 +99,8 @@ def _followed(
     last, interrupted = None, False
     try:
         for last in follow(directory, model, validate=validate, averages=averages):
-            notes().print(look_line(last), soft_wrap=True, highlight=False)
+            line = look_line(last.diagnosis, last.recording.duration, last.state)
+            notes().print(line, soft_wrap=True, highlight=False)
             if early and last.settled:
                 break
     except KeyboardInterrupt:
