@@ -14,4 +14,5 @@ made = setup(
     entry_points={"console_scripts": ["gyrowheel = gyrowheel.cli.app:main"]},
 )
 # colcon evaluates what it finds in the result, and cannot evaluate what setuptools makes of requires-python
-made.python_requires = made.metadata.python_requires = None
+if made is not None:  # as where setup is stood in for
+    made.python_requires = made.metadata.python_requires = None

@@ -16,4 +16,5 @@ made = setup(
     ],
 )
 # colcon evaluates what it finds in the result, and cannot evaluate what setuptools makes of requires-python
-made.python_requires = made.metadata.python_requires = None
+if made is not None:  # as where setup is stood in for
+    made.python_requires = made.metadata.python_requires = None
