@@ -48,6 +48,40 @@ def test_effects_of_another_package_are_registered(distribution: Path) -> None:
     assert parse_option("plugin_pull:k=0.02") == ("plugin_pull", {"k": 0.02})
 
 
+#: A package with laws that remember: one that is good, and one that grows without limit.
+MEMORY = """
+import sympy as sp
+from gyrowheel_sim.effects import Coefficient, Effect, Law, LawState
+from gyrowheel_sim.effects.quantities import z_rate
+F, b = sp.symbols("F b", real=True)
+s = sp.Symbol("s", complex=True)
+EFFECTS = [
+    Effect(
+        name=name, title="cable", category="flexure", sentence="It slips.", laws=(Law("rotor_torque", -F * s),),
+        states=(LawState("s", "1", (z_rate + sign * s * sp.Abs(z_rate)) / b + (sign + 1) * s, complex=True),),
+        coefficients=(
+            Coefficient("F", "N*m", "friction", (1e-4, 1e-3), (0.0, 0.02), "assumed"),
+            Coefficient("b", "rad", "way", (0.01, 0.03), (0.002, 0.2), "assumed", shape=0.02, shape_uncertainty=0.01),
+        ),
+        validity="small tilts", source="assumed",
+    )
+    for name, sign in (("gw_cable", -1), ("gw_runaway", 1))
+]
+CABLE, RUNAWAY = EFFECTS
+"""
+
+
+def test_a_law_with_a_memory_that_cannot_be_integrated_is_left_out(
+    distribution: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    install(distribution, "gw_memory", MEMORY, {"cable": "gw_memory:CABLE", "runaway": "gw_memory:RUNAWAY"})
+    with caplog.at_level(logging.WARNING):
+        known = registry()
+    assert "gw_cable" in known
+    assert "gw_runaway" not in known
+    assert any("gw_memory:RUNAWAY" in message for message in caplog.messages)
+
+
 #: A package with two effects, the second of which has a law of a wrong unit.
 WRONG_UNIT = """
 import sympy as sp

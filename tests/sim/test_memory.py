@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 
 from gyrowheel.show.formulas import plain, pretty, typeset
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping
 from gyrowheel_sim.effects.declaration import Coefficient, Law, LawState
+from gyrowheel_sim.effects.quantities import z
 from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
 from gyrowheel_sim.plant.export import python_module
 from gyrowheel_sim.plant.scenario import Scenario
@@ -133,18 +135,30 @@ def test_a_wrong_declaration_names_its_field(states: Any, words: str) -> None:
     assert str(error.value).startswith("effects.own.declaration")
 
 
-def test_a_declaration_in_python_that_contradicts_itself_is_refused() -> None:
-    effect = own(LAG)
-    (state,) = effect.states
-    for wrong in (
-        LawState("k", "rad", state.rate),
-        LawState(
-            "s", "rad", state.rate.subs(state.symbol, Coefficient("q", "1", "", (1, 2), (0, 3), "").symbol)
+K = Coefficient("k", "N*m/rad", "", (0.01, 0.02), (-1.0, 1.0), "")
+REAL, COMPLEX, OTHER = sp.Symbol("s", real=True), sp.Symbol("s", complex=True), sp.Symbol("k_x", real=True)
+
+
+@pytest.mark.parametrize(
+    ("laws", "state", "words"),
+    [
+        ({"rotor_torque": REAL}, LawState("k", "rad", REAL), "k, which is taken"),
+        ({"rotor_torque": REAL}, LawState("s", "rad", OTHER), "unknown symbols"),
+        ({"rotor_torque": REAL}, LawState("s", "rad", z - REAL), "rate or start is complex"),
+        (
+            {"flexure_torque": sp.Abs(COMPLEX)},
+            LawState("s", "rad", z - COMPLEX, complex=True),
+            "flexure is real",
         ),
-    ):
-        with pytest.raises(ValueError, match="effect own"):
-            Effect("own", "", "other", "", (Law("rotor_torque", effect.laws[0].expression),), effect.coefficients,
-                   "", "", states=(wrong,))  # fmt: skip
+        ({"flexure_torque": REAL, "shaft_torque": REAL}, LawState("s", "rad", -REAL), "cannot share a state"),
+    ],
+)
+def test_a_declaration_in_python_that_contradicts_itself_is_refused(
+    laws: dict[str, sp.Expr], state: LawState, words: str
+) -> None:
+    declared = tuple(Law(target, K.symbol * expression) for target, expression in laws.items())
+    with pytest.raises(ValueError, match=words):
+        Effect("own", "", "other", "", declared, (K,), "", "", states=(state,))
 
 
 def wheel(*effects: Effect, **values: float) -> Any:

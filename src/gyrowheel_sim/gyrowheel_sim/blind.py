@@ -18,8 +18,8 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text, read_json, write_text
 from gyrowheel_core.schema import check
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.declaration import Effect
-from gyrowheel_sim.effects.registry import EffectValues, for_bench, physical, validated
+from gyrowheel_sim.effects.declaration import Effect, EffectValues
+from gyrowheel_sim.effects.registry import for_bench, physical, validated
 from gyrowheel_sim.parameter import INSTRUMENTS
 from gyrowheel_sim.plant.scenario import UNREGISTERED, KeyFile, Scenario
 

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import sympy as sp
 
 from gyrowheel_core.units import require_unit
-from gyrowheel_sim.effects.complex_parts import components
+from gyrowheel_sim.effects.complex_parts import components, is_real
 from gyrowheel_sim.effects.formula import to_text
 from gyrowheel_sim.effects.grammar import RESERVED
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.targets import TARGETS
 
+#: Coefficients of effects: {effect: {coefficient: value}}.
+EffectValues: TypeAlias = dict[str, dict[str, float]]
 Category = Literal[
     "air", "flexure", "gravity", "actuator", "sensor", "bearing", "motor", "inertia", "environment", "instrument",
     "other",
@@ -162,11 +164,25 @@ class Effect:
         for law in self.laws:
             if law.target not in TARGETS:
                 raise ValueError(f"effect {self.name}: unknown target {law.target}")
+        self._check_states()
         for c in self.coefficients:
             require_unit(c.unit)
             low, high = c.physical
             if not low <= c.null <= high:
                 raise ValueError(f"effect {self.name}: {c.name}: what is possible leaves out {c.null:g}")
+
+    def _check_states(self) -> None:
+        flexures = {TARGETS[law.target].each_flexure for law in self.laws}
+        for state in self.states:
+            require_unit(state.unit)
+            if len(flexures) > 1:
+                raise ValueError(
+                    f"effect {self.name}: a law of the flexures and another one cannot share a state"
+                )
+            if state.complex and flexures == {True}:
+                raise ValueError(f"effect {self.name}: {state.name}: the state of a flexure is real")
+            if not state.complex and not (is_real(state.rate) and is_real(state.start)):
+                raise ValueError(f"effect {self.name}: {state.name}: its rate or start is complex")
 
     def sentence_for(self, values: Mapping[str, float]) -> str:
         """Return the physics in one sentence for coefficients of some sign."""

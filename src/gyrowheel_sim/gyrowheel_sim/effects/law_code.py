@@ -17,9 +17,8 @@ from sympy.printing.pycode import PythonCodePrinter
 from gyrowheel_core import cache
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.complex_parts import components, split
-from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.declaration import Effect, EffectValues
 from gyrowheel_sim.effects.quantities import REFERENCES
-from gyrowheel_sim.effects.registry import EffectValues
 from gyrowheel_sim.effects.targets import HELD_OUTPUTS, TARGETS, Entry, LawTarget, Place, entering
 from gyrowheel_sim.effects.torque_map import TorqueMap
 from gyrowheel_sim.instruments.readings import Reading

@@ -10,16 +10,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import entry_points
 from types import MappingProxyType
-from typing import TypeAlias
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.dimensions import Unit, check_effect
 from gyrowheel_sim.effects.library import LIBRARY
-
-#: Coefficients of effects: {effect: {coefficient: value}}.
-EffectValues: TypeAlias = dict[str, dict[str, float]]
+from gyrowheel_sim.effects.trial import remembered
 
 ENTRY_POINT_GROUP = "gyrowheel.effects"
 
@@ -29,7 +26,8 @@ def registry() -> Mapping[str, Effect]:
     """Return every registered effect by name.
 
     An entry point of the group ``gyrowheel.effects`` names an `Effect` or a sequence of them. An entry point that
-    cannot be loaded, that takes a name in use, or a law of which has a wrong unit, is logged and skipped.
+    cannot be loaded, that takes a name in use, or a law of which has a wrong unit or a state that cannot be integrated,
+    is logged and skipped.
     """
     effects = {effect.name: effect for effect in LIBRARY}
     for point in sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda p: p.name):
@@ -41,6 +39,8 @@ def registry() -> Mapping[str, Effect]:
                 if effect.name in effects or effect.name in own:
                     raise ValueError(f"the name {effect.name} is taken")
                 check_effect(effect)
+                if effect.states:
+                    remembered(effect, effect.defaults(), f"effect {effect.name}")
                 own[effect.name] = effect
             effects |= own
         except Exception as error:  # a broken plug-in must not break the bench
