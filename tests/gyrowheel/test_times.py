@@ -122,6 +122,28 @@ def test_a_clock_that_was_set_back_is_told_from_rows_in_disorder(tmp_path: Path)
     assert "Sort" not in question
 
 
+def of_day(seconds: np.ndarray) -> list[str]:
+    micro = np.round(1e6 * seconds).astype(np.int64) % 86_400_000_000
+    return [str((dt.datetime.min + dt.timedelta(microseconds=own)).time()) for own in micro.tolist()]
+
+
+@pytest.mark.parametrize("begin", [40_000.25, 86_400.25 - 1e-3 * (N // 2)], ids=["at noon", "over midnight"])
+def test_times_of_day_are_read_with_a_remark(begin: float, tmp_path: Path) -> None:
+    file = written(tmp_path, {"Time": of_day(begin + 1e-3 * np.arange(N))})
+    found = gw.suggest_map(file)
+    assert found.questions == ()
+    assert any("times of day without a date" in own for own in found.remarks)
+    assert any("midnight before row" in own for own in found.remarks) == (begin > 80_000.0)
+    rows = gw.read_table(file, found.content).data.measurement
+    assert np.diff(rows["stamp_ns"]).tolist() == [1_000_000] * (N - 1)
+
+
+def test_times_of_day_that_an_hour_is_taken_from_are_asked_about(tmp_path: Path) -> None:
+    back = 40_000.25 + 1e-3 * np.arange(N) - np.where(np.arange(N) >= 1000, 3600.0, 0.0)
+    (question,) = gw.suggest_map(written(tmp_path, {"Time": of_day(back)})).questions
+    assert "was set back by 3600 in 1 place, first in row 1001" in question
+
+
 def test_slow_readings_in_rows_of_their_own_are_interpolated(tmp_path: Path) -> None:
     table = Table()
     slow = ("Coil temp [degC]", "Air temp [degC]", "Air pressure [hPa]")

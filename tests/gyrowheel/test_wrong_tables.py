@@ -166,8 +166,8 @@ WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
         lines(lambda own: [*own, "Mean" + ";1" * 11]),
         ("time: 1 cell", "'Mean'", "take the rows out"),
     ),
-    "times of day": (
-        cells("Time [s]", slice(None), lambda text: f"12:34:{float(text):09.6f}"),
+    "minutes and seconds": (
+        cells("Time [s]", slice(None), lambda text: f"34:{float(text):09.6f}"),
         ("time: 2000 cells", "a time of day", "Write seconds from the beginning", "no column of times"),
     ),
     "Excel's date stamps": (

@@ -101,6 +101,28 @@ def dates_of(values: Any) -> Any:
     return None
 
 
+_OF_DAY: Final = r"^(?P<h>[01]?\d|2[0-3]):(?P<m>[0-5]\d):(?P<s>[0-5]\d(?:[.,]\d+)?)$"
+_DAY: Final = 86400.0  # s
+
+
+def times_of_day(values: Any) -> tuple[NDArray[np.float64], list[int]] | None:
+    """Return times of day (hh:mm:ss) as seconds from the first midnight on, and the rows that begin a new day.
+
+    None if a cell is anything else. A step back by more than half a day is midnight; a smaller one stays one, as where
+    a clock is set.
+    """
+    part = pc.extract_regex(values.combine_chunks(), _OF_DAY)
+    if part.null_count or not len(part):
+        return None
+    hours, minutes, seconds = (
+        _floats(pc.replace_substring(part.field(name), ",", ".")) for name in ("h", "m", "s")
+    )
+    time = 3600.0 * hours + 60.0 * minutes + seconds
+    begins = np.flatnonzero(np.diff(time) < -0.5 * _DAY) + 1
+    time += _DAY * np.searchsorted(begins, np.arange(len(time)), side="right")
+    return time, begins.tolist()
+
+
 _HALF_DAY: Final = (
     r"^(?P<date>.*?)[ T,;]*(?P<hour>\d{1,2})(?P<rest>:\d{2}(?::\d{2}(?:[.,]\d+)?)?)"
     r" ?(?P<half>[AaPp])\.?[Mm]\.?$"
@@ -222,11 +244,12 @@ def rows_of(
             raise InputError(f"{where}: cannot be read: its rows are not those of a table")
     table, wrong = found
     unit_of = dict(zip(unique, form.units or ("",) * len(unique), strict=True))
+    remarks: list[str] = []
     columns = [
-        _column(name, values, unit_of[name], form.decimal, missing)
+        _column(name, values, unit_of[name], form.decimal, missing, remarks)
         for name, values in zip(table.column_names, table.columns, strict=True)
     ]
-    remarks, uneven = [], None
+    uneven = None
     if wrong:
         left_out = {row for row, _ in wrong}
         row, count = wrong[0]
@@ -298,7 +321,9 @@ class _Rows:
         )
 
 
-def _column(name: str, values: Any, unit: str, decimal: str, missing: Sequence[str]) -> Column:
+def _column(
+    name: str, values: Any, unit: str, decimal: str, missing: Sequence[str], remarks: list[str]
+) -> Column:
     """Return a column as it was read: of numbers, where most of its cells are numbers or times of day."""
     if pa.types.is_time(values.type):
         values = values.cast(pa.string())
@@ -309,6 +334,11 @@ def _column(name: str, values: Any, unit: str, decimal: str, missing: Sequence[s
     known = len(values) - values.null_count
     if clock == known > 0 and (dates := dates_of(values)) is not None:
         return Column(name, as_numbers(dates), unit)
+    if clock == known == len(values) and (of_day := times_of_day(values)) is not None:
+        time, begins = of_day
+        midnight = f"; midnight before row {begins[0] + 1}" if begins else ""
+        remarks.append(f"{name}: times of day without a date: read as seconds from midnight{midnight}")
+        return Column(name, time, "s")
     if 2 * (int(np.isfinite(numbers).sum()) + clock) > known:
         return Column(name, numbers, unit, odd=odd)
     return Column(name, as_numbers(values), unit)
