@@ -45,7 +45,7 @@ def _cells(fields: Iterable[Any], above: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the columns of a schema with their types; those of a record by its name and theirs."""
     for own in fields:
         if pa.types.is_struct(own.type):
-            yield from _cells(own.type.fields, f"{above}{own.name}.")
+            yield from _cells(own.type, f"{above}{own.name}.")
         else:
             yield f"{above}{own.name}", own.type
 
