@@ -10,7 +10,8 @@ import pytest
 
 from gyrowheel.show.sentences.findings import law_sentence
 from gyrowheel_analysis.diagnosis.dated_changes import MissingLaw
-from gyrowheel_analysis.diagnosis.event_dating import Found
+from gyrowheel_analysis.diagnosis.event_dating import Found, _determined
+from gyrowheel_analysis.diagnosis.event_scan import Candidate
 from gyrowheel_analysis.diagnosis.event_search import _merged
 from gyrowheel_analysis.diagnosis.motion_laws import courses, on_commands
 from gyrowheel_analysis.fitting.events import Event, Kind
@@ -69,6 +70,23 @@ def test_two_channels_of_one_instant_are_one_event() -> None:
     assert merged.event.time == 60.4
     apart = [both, found_at(70.0, "torque_x"), found_at(60.0, "spin_torque")]
     assert len(_merged(apart)) == 3
+
+
+@pytest.mark.parametrize(
+    ("quantity", "edges", "kept"),
+    [
+        ("tilt_reading_y", (8.6, 11.1), True),  # the window from 8.8 to 10.8 is whole
+        ("tilt_reading_y", (9.0, 10.9), False),  # it begins within that window, which then has no weight
+        ("torque_y", (9.0, 10.9), True),
+    ],
+)
+def test_burst_of_a_tilt_reading_has_a_whole_window(
+    quantity: str, edges: tuple[float, float], kept: bool
+) -> None:
+    candidate = Candidate((Event(0, quantity, "burst", 8.7, 10.9),), 60.0, 40.0, ((6.5, 8.7), (10.9, 13.1)))
+    dated = Found((Event(0, quantity, "burst", *edges),), (0.1, 0.1), 55.0)
+    found = _determined(dated, candidate, plan_of_windows())
+    assert found.event.edges == (edges if kept else (8.7, 10.9))
 
 
 @pytest.mark.parametrize(

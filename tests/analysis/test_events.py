@@ -115,6 +115,15 @@ def test_event_is_found_dated_and_named(survey, column, course, size, kind, chan
 
 
 @pytest.mark.slow
+def test_gain_of_one_coil_that_changes_is_found(survey):
+    measurement = survey.measurement.copy()
+    measurement["coil_voltage_y"] *= np.where(survey.time > 70.0, 1.04, 1.0)
+    (found,) = found_in(replace(survey, measurement=measurement))
+    assert [event.quantity for event in found.events] == ["coil_gain_y"]
+    assert (found.event.kind, found.event.time) == ("step", pytest.approx(70.0, abs=0.3))
+
+
+@pytest.mark.slow
 def test_torque_near_one_speed_is_a_law_and_no_event(survey):
     """A mode of the case that answers near one speed: it begins and ends with the commands."""
     speed = survey.measurement["spin_rate"] / RPM

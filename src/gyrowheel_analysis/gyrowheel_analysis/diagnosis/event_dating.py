@@ -86,11 +86,26 @@ def with_times(evidence: Evidence, candidate: Candidate, recording: Recording) -
         if seen is not None:
             edges[k], errors[k] = seen
     if len(edges) > 1 and edges[1] <= edges[0]:
-        return by_windows
+        return _determined(by_windows, candidate, windows)
     by_samples = Found(moved(), tuple(errors), gain_of(evidence, [moved()]))
     # where a reading of the tilt jumps within a window, its fit of a smooth motion is worse than the samples
     less = 0.5 * by_windows.gain if first.quantity in MOTION else EVENT_SIMPLER
-    return by_samples if by_samples.gain > by_windows.gain - less else by_windows
+    best = by_samples if by_samples.gain > by_windows.gain - less else by_windows
+    return _determined(best, candidate, windows)
+
+
+def _determined(found: Found, candidate: Candidate, windows: Windows) -> Found:
+    """Return an event, a burst of a reading of the tilt with a whole window in it.
+
+    Windows in which such a reading jumps get no weight, so that its size would be anything without another one.
+    """
+    first = found.event
+    if first.kind != "burst" or first.quantity not in MOTION:
+        return found
+    if np.any((windows.start >= first.time) & (windows.start + windows.duration <= first.end)):
+        return found
+    errors = tuple((high - low) / math.sqrt(12.0) for low, high in candidate.spans)
+    return Found(candidate.events, errors, candidate.gain)
 
 
 def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float, float]]) -> Found:

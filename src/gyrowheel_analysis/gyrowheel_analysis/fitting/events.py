@@ -253,6 +253,15 @@ def _gain(balance: Balance) -> dict[str, Array]:
     return {row: rows[balance.row(row)] for row in turning}
 
 
+def _gain_of_axis(balance: Balance, axis: Literal["x", "y"]) -> dict[str, Array]:
+    """Return the rows of a coil that gives more torque per volt: the other axis stays.
+
+    A torque that turns with the rotor comes from both coils alike.
+    """
+    own, other = (f"tilt_{name}" for name in (axis, "y" if axis == "x" else "x"))
+    return {row: rows if row == own else 0.5 * rows for row, rows in _gain(balance).items() if row != other}
+
+
 def _by_parameter(balance: Balance, name: str, unit: float = 1.0) -> dict[str, Array]:
     """Return the rows of a parameter of the bench that is larger by a unit, where it shows."""
     rows = balance.by_parameter(name) * unit
@@ -308,6 +317,12 @@ _ALL = (
     EventQuantity(
         "motor_constant", "1", ("motor_current", "motor_voltage"),
         lambda b: _by_parameter(b, "motor_constant", b.bench.value("motor_constant")), lambda bench: 0.02,
+    ),
+    EventQuantity(
+        "coil_gain_x", "1", ("coil_voltage",), lambda b: _gain_of_axis(b, "x"), lambda bench: 0.02
+    ),
+    EventQuantity(
+        "coil_gain_y", "1", ("coil_voltage",), lambda b: _gain_of_axis(b, "y"), lambda bench: 0.02
     ),
     EventQuantity("encoder_zero", "rad", (), lambda b: _by_parameter(b, "encoder_zero"), lambda bench: 0.02),
 )  # fmt: skip

@@ -220,6 +220,8 @@ def _tilt_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn
         "torque_along_tilt": z,
         "torque_across_tilt": 1j * z * spin,
         "coil_gain": coil,
+        "coil_gain_x": coil.real + 0j,
+        "coil_gain_y": 1j * coil.imag,
     }
     jumps = {"tilt_reading_x": 1j * inertia * spin, "tilt_reading_y": -inertia * spin}
     if quantity not in changes | jumps:

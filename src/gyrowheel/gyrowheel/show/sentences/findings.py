@@ -52,6 +52,8 @@ _WHAT = {
         "a torque of {} across the tilt, in proportion to tilt and speed (size at the reference tilt and speed),"
     ),
     "coil_gain": "a change of {} in the torque per volt of the coils",
+    "coil_gain_x": "a change of {} in the torque per volt of coil x",
+    "coil_gain_y": "a change of {} in the torque per volt of coil y",
     "tilt_reading_x": "a shift of {} in the reading of tilt x",
     "tilt_reading_y": "a shift of {} in the reading of tilt y",
     "winding_resistance": "a change of {} in the resistance of the motor's winding",
