@@ -24,7 +24,7 @@ _COUNTS = {
     "chunks": 200,
     "message": 20,
     "contents": 6,
-    "compare": 1,
+    "compare": 3,
     "text": 15,
     "formula": 30,
     "typed": 30,

@@ -216,18 +216,21 @@ class Rig(SimpleNamespace):
         self.node.create_subscription(topic.message_class, topic.name, self.note, topic.qos)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.published = 0
+        self.published = self.recorded = 0
         self.air = self.node.create_publisher(Temperature, "/air", qos_profile_sensor_data)
 
     def note(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            count = max((int(own.value) for own in status.values if own.key == "samples"), default=0)
             if status.name.endswith("bridge"):
-                self.published = max(int(own.value) for own in status.values if own.key == "samples")
+                self.published = count
+            elif status.name.endswith("recorder"):
+                self.recorded = count
 
-    def wait_until_published(self, count: int) -> None:
+    def wait_until_published(self, count: int, *, recorded: bool = False) -> None:
         def enough() -> bool:
             self.executor.spin_once(timeout_sec=0.1)
-            return self.published >= count
+            return (min(self.published, self.recorded) if recorded else self.published) >= count
 
         wait_for(enough)
 
@@ -250,7 +253,8 @@ class Rig(SimpleNamespace):
             drive = Vector3Stamped(header=header(stamp))
             drive.vector.x = 1e3 * float(row["motor_current"])
             self.out["drive"].publish(drive)
-        self.wait_until_published(len(rows) - 2)  # the last ones wait for others
+        # the last ones wait for others; a busy recorder is behind
+        self.wait_until_published(len(rows) - 2, recorded=True)
 
     def close(self) -> None:
         self.node.destroy_node()

@@ -138,7 +138,7 @@ def test_arrays_within_arrays_without_an_end(packed: bool, tmp_path: Path) -> No
         cell = struct.pack("<II", 15, len(small)) + small
     file = tmp_path / "t.mat"
     file.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x100) + b"IM" + cell)
-    with pytest.raises(InputError, match=r"t\.mat: cannot be read: "):
+    with pytest.raises(InputError, match=r"t\.mat: (cannot be read: |has no columns of numbers)"):
         read_grid(file)
 
 

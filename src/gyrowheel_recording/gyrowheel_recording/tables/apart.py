@@ -32,6 +32,8 @@ from gyrowheel_recording.tables.grid import Column, Grid
 Reader = Callable[[Path, Sequence[str] | None], Grid]
 #: Memory [bytes] and time of the processor [s] that the smallest file may take, and what each byte of a file adds.
 _ROOM, _ROOM_A_BYTE = 1.5e9, 32.0
+#: What the threads and buffers of a library take at any rate [bytes].
+_LIBRARY: Final = 1e8
 _TIME, _TIME_A_BYTE = 12.0, 10e-6
 _PATIENCE: Final = 10  # by the clock, in times of the processor: others may have it
 _ALIGNED: Final = 64  # bytes
@@ -105,7 +107,7 @@ def _work(
             os.dup2(nothing, own)
         sys.stdout = sys.stderr = os.fdopen(nothing, "w", encoding="utf-8")
         logging.disable()
-        limit = int(_data_size() + room)
+        limit = int(_data_size() + _LIBRARY + room)
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
