@@ -1,4 +1,4 @@
-"""The diagnosis of a bench that runs: in a process of its own, of the lowest priority, so that no node waits for it."""
+"""Diagnosis of a running bench, in a separate process of the lowest priority, so that no node waits for it."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def fitted_together(
     Changes at one instant become one event; those that the others make dispensable are dropped.
     """
     own = list(found)
-    of_recordings, beside = places(problem), rows_of(problem, laws)
+    of_recordings, law_rows = places(problem), rows_of(problem, laws)
     for _ in range(_ROUNDS):
         count, own = len(own), _merged(own)
         if count == len(own) == 1:
@@ -81,7 +81,7 @@ def fitted_together(
         k = 0
         while k < len(own):
             others = own[:k] + own[k + 1 :]
-            evidence = Evidence(problem.with_events(all_of(others)), fit, beside)
+            evidence = Evidence(problem.with_events(all_of(others)), fit, law_rows)
             candidate = best_at(evidence, own[k].events)
             again = _fewer(evidence, with_times(evidence, candidate, recordings[candidate.first.recording]))
             if again.gain - price(again.event.kind, of_recordings) < EVENT_GAIN:

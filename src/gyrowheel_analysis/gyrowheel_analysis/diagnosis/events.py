@@ -42,7 +42,7 @@ class Outcome:
     """The explanation of recordings: effects given the events, and a free form if there is one.
 
     `problem` has the events, their contribution subtracted from the measured rows; they are in order of recording and
-    time. `laws` look like events and are none.
+    time. `laws` are functions of the motion that looked like events.
     """
 
     problem: Problem
@@ -85,7 +85,7 @@ def explain(
             return without
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
-        best = _beside(problem, found)
+        best = _given(problem, found)
         again, laws = search_events(problem, best.fit, recordings)
         if _same(found, again):
             break
@@ -104,11 +104,11 @@ def explain(
     )
 
 
-def _beside(problem: Problem, found: list[Found]) -> Outcome:
+def _given(problem: Problem, found: list[Found]) -> Outcome:
     """Return effects and free form, given events."""
-    beside = problem.with_events(all_of(found)).with_drift_estimated()
-    selection = select(beside)
-    return Outcome(beside, selection, search(beside, selection), found)
+    with_events = problem.with_events(all_of(found)).with_drift_estimated()
+    selection = select(with_events)
+    return Outcome(with_events, selection, search(with_events, selection), found)
 
 
 def accepted(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:
@@ -122,23 +122,23 @@ def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found
     """Return a problem with events, whose contribution, given some terms, is subtracted from its measured rows."""
     if not found:
         return problem
-    beside = problem.with_events(all_of(found)).with_drift_estimated()
-    return beside.without_events(beside.fit(terms))
+    with_events = problem.with_events(all_of(found)).with_drift_estimated()
+    return with_events.without_events(with_events.fit(terms))
 
 
 def unused_events(validation: Prepared | None, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:
     """Return the events in recordings on which nothing was fitted, given a fit to others; their rows are unchanged.
 
-    There are none without such recordings, and where much stays unexplained next to them.
+    The list is empty without such recordings, and where much stays unexplained next to the events.
     """
     if validation is None:
         return []
     own = validation.problem.fit(fit.terms)
     found = find(validation.problem, own, recordings)
-    beside = validation.problem.with_events(all_of(found))
-    if found and lack_of_fit(beside, beside.fit(fit.terms)) > EVENT_LACK:
+    with_events = validation.problem.with_events(all_of(found))
+    if found and lack_of_fit(with_events, with_events.fit(fit.terms)) > EVENT_LACK:
         return []
-    return with_sizes(beside, own, found, [str(recording.path) for recording in recordings])
+    return with_sizes(with_events, own, found, [str(recording.path) for recording in recordings])
 
 
 def as_events(dated: Sequence[DatedEvent], names: Sequence[str]) -> list[Event]:

@@ -138,17 +138,17 @@ class Rows:
 class Evidence:
     """Marginal likelihood of recordings, given all explanations by bench parameters and effects.
 
-    `problem` has the known events; everything is linear about `fit`. `beside` (N, k) are the rows of whatever else may
-    explain the recordings, for a large size of it.
+    `problem` has the known events; everything is linear about `fit`. `others` (N, k) are the rows of further
+    explanations, each for a large size of it.
     """
 
-    def __init__(self, problem: Problem, fit: Fit, beside: Array | None = None) -> None:
+    def __init__(self, problem: Problem, fit: Fit, others: Array | None = None) -> None:
         unknowns = problem.unknowns
         offset = np.concatenate([fit.nuisance, [fit.coefficients[t][name] for t, name in fit.columns]])
         rows = fit.residual + fit.jacobian @ (offset - unknowns.centre(fit.terms))
         columns = np.hstack([fit.jacobian * unknowns.widths(fit.terms), problem.prediction.candidate_columns])
-        if beside is not None:
-            columns = np.hstack([columns, beside])
+        if others is not None:
+            columns = np.hstack([columns, others])
         self.problem = problem
         self.scales, _ = problem.noise.best_scales(rows, columns)
         self._blocks = _blocks(problem)

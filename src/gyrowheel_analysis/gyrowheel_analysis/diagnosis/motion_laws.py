@@ -1,4 +1,4 @@
-"""What looks like an event and is none: smooth functions of speed, tilt, direction and time, and of their past.
+"""Laws that look like events: smooth functions of speed, tilt, direction and time, and of their past.
 
 A law that a model lacks acts in steps, as plans command speeds and tilts in steps. An event is believed where it makes
 a recording likelier than every such function in its place.

@@ -1,4 +1,4 @@
-"""Readers that run in a process of their own, which may take only so much memory and time.
+"""Readers in a separate process, with limits of memory and time.
 
 A library that reads a format obeys what a file states of its size, and a damaged file may bring it down. The process is
 a fork of the running one: a new interpreter would take 0.7 s of the processor to import what is already there (2 s for

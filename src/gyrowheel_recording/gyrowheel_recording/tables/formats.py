@@ -29,7 +29,7 @@ class Format:
     endings: tuple[str, ...]  # usual endings, by which a file is known that does not show what it is
     begins: Callable[[bytes], bool]  # whether a file that begins with some bytes is of it
     read: apart.Reader  # reads some columns of a file, or all; see `read_grid`
-    library: str = ""  # what reads it, in a process of its own (see `apart`); none where this project does
+    library: str = ""  # what reads it, in a separate process (see `apart`); empty where this project does
 
 
 def _never(head: bytes) -> bool:
