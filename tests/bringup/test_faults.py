@@ -153,7 +153,8 @@ def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_pat
         bystander.close()
     assert (caught.value.fault, caught.value.node) == ("node_died", "controller")
     said = diagnoses(directory, "plant")
-    assert said[-1]["state"] == "inactive"
+    # a busy recorder may end before it hears that the plant has come to its end
+    assert said[-1]["state"] in ("deactivating", "inactive")
     lost = [entry for entry in said if entry.get("guard") == "controller_lost"]
     # a computer that is busy for long may learn that the killed one is gone before the time for its commands is over
     silence = r"controller_lost: no (valid command for 8000|controller for 20000) samples.*; coils off"

@@ -12,6 +12,7 @@ import pytest
 import rclpy
 from gyrowheel_msgs.msg import Measurement
 
+from gyrowheel_core.node import prepare_environment
 from tools import ros_setup
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -71,6 +72,7 @@ def test_a_tool_of_another_environment_hears_the_bench(domain: int, tmp_path: Pa
         ["sh", "-c", f". {setup}; exec {other}/bin/python {script}"], env=env, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
+    prepare_environment()  # the first node of a process settles what the middleware reads
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
     try:

@@ -12,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from gyrowheel_bringup.graph.launch import parameter_options
 from gyrowheel_bringup.graph.nodes import write_parameters
+from gyrowheel_core.node import prepare_environment
 
 pytestmark = pytest.mark.graph
 
@@ -36,6 +37,7 @@ OTHERS = (True, 3, -7, 0.5, 3e32, 1e-7, 0.0)
 
 def _read(arguments: list[str], domain: int) -> dict[str, object]:
     """Return the parameters of a node that is started with some arguments."""
+    prepare_environment()  # the first node of a process settles what the middleware reads
     context = Context()
     rclpy.init(
         args=["--ros-args", *arguments],

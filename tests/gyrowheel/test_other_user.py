@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -48,7 +49,10 @@ class _Place:
         # what was compiled before, so that the test takes seconds; the folder for temporary files holds it
         before, self._kept = cache.folder(), self._temporary / f"gyrowheel-cache-{_USER}"
         if before is not None:
-            shutil.copytree(before, self._kept)
+            self._kept.mkdir()
+            for entry in before.glob("code_*"):
+                with contextlib.suppress(FileNotFoundError):  # another process may remove old entries
+                    shutil.copy(entry, self._kept)
         for folder in (self.own, self._temporary):
             for entry in (folder, *folder.rglob("*")):
                 os.chown(entry, _USER, _USER)

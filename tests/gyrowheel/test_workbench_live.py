@@ -18,6 +18,7 @@ from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.session import Session
 from gyrowheel_core import topics, wire
+from gyrowheel_core.surroundings import prepare_environment
 
 from ..domains import next_domain
 from .conftest import Wheel
@@ -32,6 +33,7 @@ def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
     domain = next_domain()
     session = Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
     session.live = LiveBenches(session.changed, domain)
+    prepare_environment()  # the first node of a process settles what the middleware reads
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     bench = rclpy.create_node("bench", context=context)
