@@ -13,13 +13,18 @@ WORKERS ?= $(shell expr $$(nproc) + 1)
 MINUTES ?= 5
 
 BIN := .venv/bin
-# One empty file a step that is done; a step is done again when what it was made from is newer.
+# One file a step that is done; a step is done again when what it was made from is newer.
 DONE := .venv/.done
 # Errors alone: the warnings of pip are about the indexes and caches of the machine.
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input
 # Two at a time: pip works on one core. The packages of ROS, which begin with r, have files in common: they go together.
 LOCKED := $(PIP) install --require-hashes --no-deps --requirement
 say = @printf '%s\n' '$(1)'
+# What begins each step that installs: two at a time would write into each other, and pip refuses to replace what it was
+# killed before it listed.
+alone = exec 9>>Makefile; flock -n 9 || \
+    { echo 'another make installs into .venv, or what is left of an interrupted one: wait for its end' >&2; exit 1; }; \
+    for own in .venv/lib/python*/site-packages/gyrowheel*.dist-info; do [ -e "$$own/RECORD" ] || rm -rf "$$own"; done
 
 MSGS := src/gyrowheel_msgs
 PACKAGES := $(addprefix src/gyrowheel,_core _sim _air _control _recording _analysis _bringup) src/gyrowheel
@@ -43,6 +48,12 @@ endif
 all: $(DONE)/packages ## create .venv and install the nine packages into it (also: just `make`)
 	$(call say,ready: .venv/bin/gyrowheel ("make demo" shows what it does))
 
+# An environment belongs to the folder in which it was made, and is made again from nothing in a checkout that was moved or
+# copied, and where the installation of packages was interrupted, which pip takes for installed when half of them are there.
+ifneq ($(file <$(DONE)/venv),$(CURDIR))
+.PHONY: $(DONE)/venv $(DONE)/requirements
+endif
+
 $(DONE)/venv:
 	$(call say,creating .venv)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' || \
@@ -50,25 +61,23 @@ $(DONE)/venv:
 	@$(PYTHON) -c 'import os, sysconfig as s; sys_h = s.get_path("include") + "/Python.h"; assert os.path.exists(sys_h)' \
 	    2>/dev/null || { echo 'the headers of Python are needed (Debian, Ubuntu: python3-dev)' >&2; exit 1; }
 	@command -v "$${CXX:-c++}" >/dev/null || { echo 'a C and C++ compiler is needed (Debian, Ubuntu: g++)' >&2; exit 1; }
-	@$(PYTHON) -m venv .venv
-	@mkdir -p $(DONE) && touch $@
+	@$(alone); $(PYTHON) -m venv --clear .venv; mkdir $(DONE); pwd -P > $@
 
 $(DONE)/requirements: requirements.lock | $(DONE)/venv
 	$(call say,installing the packages of requirements.lock (about two minutes))
-	@awk '/^[^ #]/ {part = /^[n-z]/ ? 2 : 1} !/^#/ {print > ("$(DONE)/lock" part)}' requirements.lock
-	@$(LOCKED) $(DONE)/lock1 & first=$$!; status=0; $(LOCKED) $(DONE)/lock2 || status=$$?; wait $$first; exit $$status
-	@touch $@
+	@$(alone); rm -f $(DONE)/venv; \
+	    awk '/^[^ #]/ {part = /^[n-z]/ ? 2 : 1} !/^#/ {print > ("$(DONE)/lock" part)}' requirements.lock; \
+	    $(LOCKED) $(DONE)/lock1 & first=$$!; status=0; $(LOCKED) $(DONE)/lock2 || status=$$?; wait $$first; \
+	    [ $$status = 0 ] && touch $@ && pwd -P > $(DONE)/venv
 
 $(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements
 	$(call say,building gyrowheel_msgs (about half a minute))
-	@$(PIP) install --no-deps --no-build-isolation --force-reinstall ./$(MSGS)
-	@touch $@
+	@$(alone); $(PIP) install --no-deps --no-build-isolation --force-reinstall ./$(MSGS); touch $@
 
 $(DONE)/packages: $(PACKAGE_FILES) $(DONE)/requirements | $(DONE)/msgs
 	$(call say,installing $(notdir $(PACKAGES)))
-	@$(PIP) install --no-deps --no-build-isolation $(addprefix --editable ,$(PACKAGES))
-	@$(BIN)/python -m tools.ros_setup
-	@touch $@
+	@$(alone); $(PIP) install --no-deps --no-build-isolation $(addprefix --editable ,$(PACKAGES)); \
+	    $(BIN)/python -m tools.ros_setup; touch $@
 
 demo: $(DONE)/packages ## find a hidden effect, from the running graph to the report (SEED=1 draws which)
 	@$(BIN)/gyrowheel demo --seed $(SEED)

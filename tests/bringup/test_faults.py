@@ -120,6 +120,52 @@ def test_a_killed_node_is_named(node: str, tmp_path: Path, watched: Watched):
     assert info(directory).integrity.missing == 0
 
 
+class Stops:
+    """Stops a node once in a plan that has come so far, for some seconds or for good."""
+
+    def __init__(self, graph: Graph, node: str, after: float, seconds: float = math.inf) -> None:
+        self._pid, self._after, self._seconds = graph.pids[node], after, seconds
+        self.done = False
+
+    def __call__(self, progress: Progress) -> None:
+        if self.done or progress.elapsed < self._after:
+            return
+        self.done = True
+        os.kill(self._pid, signal.SIGSTOP)
+        if math.isfinite(self._seconds):
+            threading.Timer(self._seconds, os.kill, (self._pid, signal.SIGCONT)).start()
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("after", [0.0, 1.5, 3.0])
+@pytest.mark.parametrize("node", ["plant", "controller", "conductor", "recorder", "drag_estimator"])
+def test_a_node_that_is_stopped_for_seconds_delays_lock_step(
+    node: str, after: float, tmp_path: Path, watched: Watched
+):
+    with Graph(BRIEF, record=tmp_path / "recording", domain_id=next_domain()) as graph:
+        watched.note(set(graph.pids.values()))
+        stop = Stops(graph, node, after, 3.0)
+        graph.run(progress=stop)
+    assert stop.done
+    assert info(tmp_path / "recording").integrity.complete
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("node", "fault"),
+    [("controller", "controller_silent"), ("conductor", "setpoint_lost"), ("plant", "clock_stands")],
+)
+def test_a_node_that_stays_stopped_is_named(node: str, fault: str, tmp_path: Path, watched: Watched):
+    with (
+        pytest.raises(GraphError) as caught,
+        Graph(LONG_PLAN, record=tmp_path / "recording", domain_id=next_domain()) as graph,
+    ):
+        watched.note(set(graph.pids.values()))
+        graph.run(progress=Stops(graph, node, 1.0))
+    assert fault in str(caught.value)
+    assert info(tmp_path / "recording").integrity.complete
+
+
 def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_path: Path, watched: Watched):
     """What the motor does then, sample by sample, is in test_guard.py."""
     directory = tmp_path / "recording"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from collections.abc import Callable, Iterator
@@ -11,6 +12,7 @@ import pytest
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import (
+    disk_errors,
     new_directory,
     new_file,
     read_json,
@@ -70,6 +72,28 @@ def test_an_existing_file_keeps_its_permissions_and_links(tmp_path: Path, umask:
         os.chown(shared / "trap", 65534, 65534, follow_symlinks=False)
         write_text(shared / "trap", "mine")
         assert (own.read_text(), (shared / "trap").is_symlink()) == ("new", False)
+
+
+def test_the_other_names_of_a_file_keep_its_old_content(tmp_path: Path) -> None:
+    """As of a backup by hard links: a changed file is a new one."""
+    own, backup = tmp_path / "wheel.yaml", tmp_path / "backup.yaml"
+    own.write_text("old")
+    backup.hardlink_to(own)
+    write_text(own, "new")
+    assert (own.read_text(), backup.read_text()) == ("new", "old")
+
+
+def test_an_error_within_a_new_folder_names_the_folder_and_not_its_temporary_place(tmp_path: Path) -> None:
+    with (
+        pytest.raises(InputError) as error,
+        new_directory(tmp_path / "run") as place,
+        disk_errors(place / "run_0.mcap"),
+    ):
+        raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28] No space left on device")
+    assert (
+        str(error.value) == f"{tmp_path / 'run' / 'run_0.mcap'}: cannot be written: No space left on device"
+    )
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_existing_file_keeps_its_owner_and_group(tmp_path: Path) -> None:

@@ -94,6 +94,7 @@ def test_a_full_disk_under_every_verb_that_writes(gyrowheel: Shell, wheel: Wheel
         ("correct", recording, "-o", str(full / "right"), "--scale", "tilt_x=-1"),
         ("export", recording, "-o", str(full / "a.csv")),
         ("export", recording, "-o", str(full / "a.parquet")),
+        ("report", recording, "--model", str(wheel.model), "-o", str(full / "a.html")),
     ):
         done = gyrowheel(*arguments)
         assert done.code == BAD_INPUT, (arguments, done.err)

@@ -76,7 +76,11 @@ def new_directory(directory: Path) -> Iterator[Path]:
     with contextlib.ExitStack() as stack:
         with disk_errors(target):
             workplace, _ = stack.enter_context(temporary_path(target, folder=True, mode=0o700))
-        yield workplace / target.name
+        place = workplace / target.name
+        try:
+            yield place
+        except InputError as error:  # by whoever writes, who knows the temporary place alone
+            raise InputError(str(error).replace(str(place), str(directory))) from None
         with disk_errors(target):
             if target.exists():
                 target.rmdir()
@@ -298,7 +302,7 @@ def read_errors(path: Path) -> Iterator[None]:
     except InputError:
         raise
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or one_line(error)}") from None
+        raise InputError(f"{path}: cannot be read: {_reason(error)}") from None
     except ValueError as error:  # a name with a zero byte, or of characters that no file name can have
         raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
 
@@ -309,7 +313,12 @@ def disk_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or one_line(error)}") from None
+        raise InputError(f"{path}: cannot be written: {_reason(error)}") from None
+
+
+def _reason(error: OSError) -> str:
+    """Return the reason as the system gives it: libraries add where in their code it happened."""
+    return os.strerror(error.errno) if error.errno else error.strerror or one_line(error)
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -92,8 +93,12 @@ def _in_processes(
             results = parallel(joblib.delayed(_one)(call, item, place, os.getpid()) for item in items)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        with contextlib.closing(results):
+        try:
             yield results
+        finally:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that results are not used: an error, or the user, ends this
+                results.close()
 
 
 @contextlib.contextmanager

@@ -76,7 +76,7 @@ def leap(step: int, passed: int) -> str:
         return "clock_jump: the time went"
     return (
         f"stood_still: no sample came for {passed * 1e-9:.1f} s, as the computer was too busy for a bench in real time "
-        "or the plant was stopped: the time went"
+        "or plant or conductor was stopped: the time went"
     )
 
 
