@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import re
+import shutil
 import subprocess
 import sys
 from email.message import Message
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -13,6 +17,8 @@ import pytest
 from gyrowheel_core.errors import InputError
 from tools import licences, lock
 
+#: What the package of the messages is built from.
+MESSAGES = ("package.xml", "CMakeLists.txt", "pyproject.toml")
 _PIN = re.compile(r"[a-z0-9.-]+==\S+( \\\n    --hash=sha256:[0-9a-f]{64})+\n")
 
 
@@ -27,7 +33,50 @@ def test_every_package_of_the_lock_file_has_hashes_and_they_are_asked_for() -> N
     # nothing is looked for beside it: an older pip takes the newest release of what is asked for with an extra
     assert all("--no-deps" in line for line in installs)
     # the two parts that are installed at the same time are made of it
-    assert re.findall(r"(\S+) \$\(DONE\)/lock(\d)", makefile) == [("@$(LOCKED)", "1"), ("$(LOCKED)", "2")]
+    assert re.findall(r"(\S+) \$\(DONE\)/lock(\d)", makefile) == [("$(LOCKED)", "1"), ("$(LOCKED)", "2")]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """Give a checkout of the Makefile alone, with an environment that is complete."""
+    done = tmp_path / "é a" / ".venv" / ".done"
+    own = done.parent.parent
+    (own / "src" / "gyrowheel_msgs").mkdir(parents=True)
+    shutil.copy(licences.ROOT / "Makefile", own)
+    for name in ("requirements.lock", *(f"src/gyrowheel_msgs/{n}" for n in MESSAGES)):
+        (own / name).touch()
+    done.mkdir(parents=True)
+    for name in ("requirements", "msgs", "packages"):
+        (done / name).touch()
+    (done / "venv").write_text(f"{own}\n", encoding="utf-8")
+    return own
+
+
+def _make(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    own = {key: text for key, text in os.environ.items() if key not in ("MAKEFLAGS", "MAKELEVEL")}
+    command = ["make", *arguments, f"PYTHON={sys.executable}"]
+    return subprocess.run(command, cwd=checkout, capture_output=True, text=True, env=own)
+
+
+def test_a_checkout_that_was_moved_or_half_installed_gets_another_environment(checkout: Path) -> None:
+    assert _make(checkout).stdout == 'ready: .venv/bin/gyrowheel ("make demo" shows what it does)\n'
+    moved = checkout.rename(checkout.with_name("moved"))
+    text = _make(moved, "--dry-run").stdout
+    assert "-m venv --clear .venv" in text
+    assert "--require-hashes" in text
+    moved.rename(checkout)
+    assert "venv" not in _make(checkout, "--dry-run").stdout.replace(".venv/bin/gyrowheel", "")
+    (checkout / ".venv" / ".done" / "venv").unlink()  # while packages are installed
+    assert "-m venv --clear .venv" in _make(checkout, "--dry-run").stdout
+
+
+def test_a_second_make_does_not_install_at_the_same_time(checkout: Path) -> None:
+    (checkout / ".venv" / ".done" / "packages").unlink()
+    with (checkout / "Makefile").open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        found = _make(checkout)
+    assert found.returncode == 2
+    assert "another make installs into .venv" in found.stderr
 
 
 @pytest.mark.slow
