@@ -159,6 +159,36 @@ def test_spikes_do_not_move_a_window(samples: Samples, windows: Windows) -> None
     assert np.abs(spiked.coil_temperature - windows.coil_temperature).max() < 0.02
 
 
+def test_a_burst_of_noise_counts_in_its_window_alone(samples: Samples, windows: Windows) -> None:
+    rng = np.random.default_rng(4)
+    readings = samples.readings.copy()
+    hit = 3
+    noise = {"tilt_noise": "tilt_x", "spin_angle_noise": "spin_angle", "motor_current_noise": "motor_current"}
+    begin = int(np.searchsorted(samples.time, windows.middle[hit]))
+    for name, reading in noise.items():
+        readings[reading][begin : begin + 60] += 20.0 * BENCH.value(name) * rng.standard_normal(60)
+    found = reduce(replace(samples, readings=readings), BENCH)
+    added = 60.0 * 20.0**2 / windows.samples[hit]
+    for name in noise:
+        factor = (found.noise(name) / windows.noise(name)) ** 2
+        share = 0.5 if name == "tilt_noise" else 1.0  # one of two axes
+        assert factor[hit] == pytest.approx(1.0 + share * added, rel=0.5)
+        assert np.delete(factor, hit) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_voltage_that_answers_noise_is_no_spike(samples: Samples, windows: Windows) -> None:
+    assert samples.commanded is not None
+    places = np.searchsorted(samples.time, windows.start[3]) + np.arange(100, 700, 40)
+    readings, voltages = samples.readings.copy(), samples.commanded.voltages[0].copy()
+    readings["coil_voltage_x"][places] += 5.0
+    answered = voltages.copy()
+    answered[samples.commanded.places[places]] += 5.0
+    for commands, moved in ((voltages, 0.0), (answered, 5.0 * len(places) / windows.samples[3])):
+        commanded = replace(samples.commanded, voltages=(commands, samples.commanded.voltages[1]))
+        found = reduce(replace(samples, readings=readings, commanded=commanded), BENCH)
+        assert (found.coil_voltage - windows.coil_voltage)[3].real == pytest.approx(moved, abs=2.0e-3)
+
+
 def test_a_clipped_reading_is_left_out(samples: Samples, windows: Windows) -> None:
     readings = samples.readings.copy()
     limit = 0.6 * float(np.abs(readings.tilt_x).max())

@@ -327,6 +327,10 @@ def test_verdicts_are_plain_sentences():
             "Consistent with check in every channel: error of tilt x 0.123 → 0.0340 mN·m (noise 0.0320), χ²/N 0.969; "
             "1.49 noise floors in a channel would have shown.",
         ),
+        (
+            {"proven": None, "reason": "no_gain", "before": 3.5e-5},
+            "Not tested with check: what was found hardly changes the prediction, error of tilt x 0.0350 → 0.0340 mN·m",
+        ),
         ({"proven": None, "reason": "not_tried"}, "Not tested on anything that was not fitted"),
     ],
 )  # fmt: skip

@@ -30,6 +30,7 @@ from gyrowheel.campaigns.reality import (
 from gyrowheel.campaigns.strange import STRANGE, strange_effect
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT, EVENT_GAIN
+from gyrowheel_analysis.diagnosis.channel_checks import places_of
 from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import ERRORS, Term, Unknowns, candidate_terms, parameter_errors
@@ -156,6 +157,22 @@ class Yardstick:
         edges = np.cumsum([0, *(own.shape[1] for own in columns)])
         apart = [_apart(left[:, -1], left[:, a:b]) for a, b in itertools.pairwise(edges)]
         return [terms[k].name for k in np.argsort(apart, kind="stable")]
+
+    def left(
+        self, name: str, values: dict[str, float], other: str | Effect, drift: float
+    ) -> dict[str, float]:
+        """Return what another law leaves of the response of an effect, by channel [times the noise, RMS]."""
+        term = Term(other.name, other) if isinstance(other, Effect) else self._term(other)
+        columns = self._problem.term_jacobian(term, self._problem.unknowns.stated(), term.amplitudes)
+        response = self._left(np.column_stack([columns, self._response(name, values)]), drift)
+        size = np.linalg.norm(response[:, :-1], axis=0)
+        own = response[:, :-1] / np.where(size > 0.0, size, 1.0)
+        solution, *_ = np.linalg.lstsq(own, response[:, -1], rcond=1e-9)
+        rest = response[:, -1] - own @ solution
+        return {
+            channel: math.sqrt(float(np.mean(rest[rows] ** 2)))
+            for channel, rows in places_of(self._problem.balances).items()
+        }
 
     def size_outside(self, form: OutsideForm, values: dict[str, float], drift: float) -> float:
         """Return the same for an effect outside the library: the part that no single library effect explains counts."""

@@ -72,13 +72,15 @@ def prove(
         proof, unseen, white = _left_out(prepared, null, best)
         balances = prepared.problem.balances
     else:
-        proof, unseen, white = _validated(prepared, best, table, happened)
+        proof, unseen, white = _validated(prepared, null, best, table, happened)
         balances = prepared.validation.problem.balances
-    if proof.proven is None:
+    if not unseen:
         return proof
     found = checks(prepared.problem, best, unseen)
     proof = replace(proof, channels=found, smallest=smallest(found, unseen))
-    return _by_channel(prepared.problem, best, proof, balances, white) if proof.proven else proof
+    if proof.proven is False:
+        return proof
+    return _by_channel(prepared.problem, best, proof, balances, white)
 
 
 def _by_channel(
@@ -202,8 +204,18 @@ def left_out_by_channel(problem: Problem, fit: Fit) -> list[Unseen]:
     return [_predicted(problem, fit, parts).channels for parts in parts_left_out(problem).values()]
 
 
+def _without_gain(proof: Proof, gain: float, expected: float) -> Proof:
+    """Return a proof by a prediction that the findings do not make better.
+
+    `expected` is the decrease of chi-squared that they predict. Where chance makes that as small as it is, the
+    recordings test nothing: the model is neither confirmed nor refuted.
+    """
+    short = expected - gain > 2.0 * CHI2_RANGE * math.sqrt(expected)
+    return replace(proof, proven=False if short else None, reason="no_gain")
+
+
 def _validated(
-    prepared: Prepared, best: Fit, table: ErrorTable, happened: Sequence[Event]
+    prepared: Prepared, null: Fit, best: Fit, table: ErrorTable, happened: Sequence[Event]
 ) -> tuple[Proof, Unseen, Array]:
     validation, problem = prepared.validation, prepared.problem
     assert validation is not None
@@ -228,11 +240,12 @@ def _validated(
         and seen.judged <= n + slack
         and seen.plain <= n * (1.0 + seen.vagueness) + CHI2_RANGE * seen.spread_deviation
     ):
-        worse = before is not None and before.chi2_per_n * n < seen.plain + PREDICTING_GAIN
-        if best.terms and worse:
-            proof = Proof(name, False, "no_gain", **shown)
-        else:
-            proof = Proof(name, True, "predicted", **shown)
+        proof = Proof(name, True, "predicted", **shown)
+        if best.terms and before is not None:
+            gain = before.chi2_per_n * n - seen.plain
+            if gain < PREDICTING_GAIN:
+                change = other.noise.whiten(other.predict(best) - other.predict(null))
+                proof = _without_gain(proof, gain, float(change @ change))
     elif seen.judged <= n + slack:
         proof = Proof(name, False, "unfixed", causes=_unfixed(problem, best, seen), **shown)
     elif happened and _Prediction(other.with_events(happened), best).judged <= n + slack:
@@ -373,8 +386,6 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, 
         rows = [error_row(problem.balances, own.rows, own.white, after.deviation) for own in (before, after)]
         proven = after.chi2 <= n + CHI2_RANGE * spread_of(n)
         reason: Reason = "predicted" if proven else "misfit"
-        if proven and best.terms and before.chi2 - after.chi2 < PREDICTING_GAIN:
-            proven, reason = False, "no_gain"
         proof = Proof(
             name,
             proven,
@@ -385,13 +396,16 @@ def _left_out(prepared: Prepared, null: Fit, best: Fit) -> tuple[Proof, Unseen, 
             allowed=1.0 + CHI2_RANGE * spread_of(n) / n,
             **_channel(rows[0], rows[1], floor, found=bool(best.terms)),
         )
+        if proven and best.terms and before.chi2 - after.chi2 < PREDICTING_GAIN:
+            change = (before.rows - after.rows) / after.deviation
+            proof = _without_gain(proof, before.chi2 - after.chi2, float(change @ change))
         tried.append((proof, after))
-        if proven:
+        if proof.proven:
             break
     if not tried:
         return Proof(name, None, "not_tried"), {}, np.zeros(0)
     # the proof if there is one; a misfit is reported before a prediction without gain
-    proof, after = min(tried, key=lambda pair: (not pair[0].proven, pair[0].reason != "misfit"))
+    proof, after = min(tried, key=lambda p: (not p[0].proven, p[0].reason != "misfit", p[0].proven is None))
     return proof, after.channels, after.white * (problem.noise.deviation() / after.deviation)
 
 

@@ -179,7 +179,7 @@ def look(data: Samples, windows: Windows, bench: Bench) -> Shown:
         tuple(find_lines(data, windows, bench)),
         unobservable(windows, bench.value("mains_frequency")),
         steps(data.readings),
-        dict(zip(READING_NOISES, windows.reading_noise[0].tolist(), strict=True)),
+        dict(zip(READING_NOISES, np.median(windows.reading_noise, axis=0).tolist(), strict=True)),
         outliers(data, [(start, stop) for start, stop, *_ in steady_spans(data)], period),
         stamps,
         float(windows.mean_spin.max()),

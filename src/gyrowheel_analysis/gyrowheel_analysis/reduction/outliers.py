@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from gyrowheel_analysis.criteria import FEWEST_OUTLIERS, OUTLIER, OUTLIER_BLOCKS
 from gyrowheel_analysis.reduction.samples import Samples
 
 _BLOCK = 500  # samples with a scale of their own
+_BLOCKS_OF_WINDOW = 16
+_SMALLEST_BLOCK, _LARGEST_BLOCK = 8, 256  # samples; the latter as in the noise of a recording
+_FEWEST_OF_WINDOW = 3  # outliers of a window: one reading makes three second differences
 _SAME_RUN = 20  # samples; outliers that are closer belong together
 _MEDIAN_OF_GAUSSIAN = 0.6745  # of the absolute value, in standard deviations
 #: Readings that show the noise of a channel. Voltages are left out: they answer the noise of tilt and speed.
@@ -63,3 +66,21 @@ def _far(values: NDArray[np.float64], even: NDArray[np.bool_], turning: bool) ->
     scale = float(np.median(np.abs(second))) / _MEDIAN_OF_GAUSSIAN if len(second) else 0.0
     far = np.flatnonzero(np.abs(second) > OUTLIER * scale) if scale > 0.0 else np.zeros(0, dtype=np.intp)
     return far, len(second)
+
+
+def excess(left: NDArray[Any]) -> float:
+    """Return by what outliers raise the mean square of the noise in a window; 1 without them.
+
+    `left` (n,) are its readings without the motion. The noise of a recording is the median of many blocks, which leaves
+    bursts out: the factor is the mean of the blocks of the window over their median.
+    """
+    second = np.diff(left, 2)
+    parts = (second.real, second.imag) if np.iscomplexobj(second) else (second,)
+    block = min(_LARGEST_BLOCK, len(second) // _BLOCKS_OF_WINDOW)
+    size = np.max([np.abs(part) for part in parts], axis=0)
+    scale = float(np.median(np.abs(parts))) / _MEDIAN_OF_GAUSSIAN
+    if block < _SMALLEST_BLOCK or np.sum(size > OUTLIER * scale) < _FEWEST_OF_WINDOW:
+        return 1.0
+    squares = np.abs(second[: len(second) // block * block].reshape(-1, block)) ** 2
+    levels = squares.mean(axis=1)
+    return max(float(levels.mean() / np.median(levels)), 1.0) if levels.any() else 1.0

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.criteria import MOST_SPIKES, NOISE_RANGE, SPIKE
+from gyrowheel_analysis.criteria import MOST_SPIKES, NOISE_RANGE, OUTLIER, SPIKE
 from gyrowheel_analysis.reduction.clock import even_times
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_core.readings import READINGS, Readings
@@ -212,17 +214,23 @@ def _quantised(values: Array) -> bool:
     return len(np.unique(some)) < 0.2 * len(some)
 
 
-def despiked(readings: Any, design: Array, gram: Array) -> tuple[Any, Any, Any]:
+def despiked(
+    readings: Any, design: Array, gram: Array, commanded: Mapping[int, Any] = MappingProxyType({})
+) -> tuple[Any, Any, Any]:
     """Fit columns of readings (n, columns), real or complex, robustly against spikes.
 
     `design` (n, terms) has the terms that are fitted to each column, `gram` is the inverse of ``design.T @ design``.
+    A reading that agrees with what was `commanded` (n,), by column, is none: it answers noise that another one shows.
     Returns the readings with each isolated spike replaced by the value of the fit to all others, the coefficients
     (columns, terms), and the residuals (n, columns).
     """
     pseudo, as_read = gram @ design.T, readings
     fit, left = _fitted(readings, design, pseudo)
     found = np.zeros(readings.shape, dtype=bool)
-    crowd = found
+    crowd = found.copy()
+    for answering, command in commanded.items():
+        size, off = np.abs(left[:, answering]), np.abs(readings[:, answering] - command)
+        crowd[:, answering] = (size > OUTLIER * _scale(left)[answering]) & (off < 0.5 * size)
     # a spike pulls the fit and hides smaller spikes until it is removed
     for _ in range(_SPIKE_ROUNDS):
         more = _spikes(left) & ~found & ~crowd
@@ -259,11 +267,16 @@ def _spikes(left: Any) -> NDArray[np.bool_]:
     size = np.abs(left)
     if not len(size):
         return np.zeros(size.shape, dtype=bool)
-    # the median of the absolute value of a Gaussian number, real or complex
-    scale = np.median(size, axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745)
+    scale = _scale(left)
     # relative to the largest one too: it pulls the fit, so that its neighbours seem far off
     far = size > np.maximum(SPIKE * scale, 0.3 * size.max(axis=0))
     return np.asarray(far & (far.mean(axis=0) <= MOST_SPIKES) & (scale > 0.0))
+
+
+def _scale(left: Any) -> Array:
+    """Return the robust standard deviation of residuals (n, columns), of each part of complex ones."""
+    # the median of the absolute value of a Gaussian number, real or complex
+    return np.asarray(np.median(np.abs(left), axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745))
 
 
 def _crowded(found: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ from gyrowheel_analysis.criteria import (
     UNSETTLED_TILT,
 )
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
+from gyrowheel_analysis.reduction.outliers import excess
 from gyrowheel_analysis.reduction.quality import READING_NOISES, SLOW, despiked, without_spikes
 from gyrowheel_analysis.reduction.samples import Array, Samples, unseen_noise
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
@@ -35,6 +36,7 @@ _FURTHER = 4  # terms of the polynomials that show whether a motion has settled
 _EDGE_SAMPLES = (4, 8, 16)
 #: Fitted columns: tilt, motor current, coil voltages, spin rate, motor voltage.
 _TILT, _CURRENT, _COIL, _SPIN, _MOTOR = range(5)
+_MEDIAN_OF_SQUARES = math.log(2.0)  # of complex noise, over their mean
 #: From a Legendre series of `DEGREE` terms to powers of x.
 _TO_POWERS = np.zeros((DEGREE, DEGREE))
 for _term in range(DEGREE):
@@ -94,7 +96,10 @@ def fit_window(
         ]
     )
     gram = np.linalg.inv(design.T @ design)
-    readings, fit, left = despiked(readings, design, gram)
+    commanded = {}
+    if data.commanded is not None:
+        commanded[_COIL] = data.commanded.at(slice(i, j), 0) + 1j * data.commanded.at(slice(i, j), 1)
+    readings, fit, left = despiked(readings, design, gram, commanded)
     volts = READING_NOISES.index("coil_voltage_noise")
     noise = noise.copy()
     noise[volts] = unseen_noise(left[:, _COIL], noise[volts], loop / h)
@@ -123,6 +128,10 @@ def fit_window(
     if not unsettled and tail > FURTHER_TERMS:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
         unsettled = beyond > 2.0 * TOO_FEW_TERMS * tilt_noise**2
+    noise = noise * _outlying(left, beside[:, 0])
+    tilt_noise, angle_noise = (
+        noise[READING_NOISES.index(name)] for name in ("tilt_noise", "spin_angle_noise")
+    )
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
@@ -176,6 +185,22 @@ def fit_window(
         "spin_acceleration_variance": slope_variance,
         "reading_noise": noise,
     }
+
+
+def _outlying(left: Any, turned: Array) -> Array:
+    """Return the factors by which outliers raise the noise of a window over that of the recording, (6,).
+
+    `left` (n, 5) are the readings without the motion, `turned` (n,) is the angle without it.
+    """
+    shown = {
+        "tilt_noise": left[:, _TILT],
+        "spin_angle_noise": turned,
+        "spin_rate_noise": left[:, _SPIN].real,
+        "coil_voltage_noise": left[:, _COIL],
+        "motor_voltage_noise": left[:, _MOTOR].real,
+        "motor_current_noise": left[:, _CURRENT].real,
+    }
+    return np.sqrt([excess(shown[name]) for name in READING_NOISES])
 
 
 def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, float, float]:
@@ -312,6 +337,8 @@ def _sharp(left: Any, noise: float) -> bool:
         ends, inner = np.array([left[:count], left[-count:]]), left[count:-count]
         blocks = inner[: len(inner) // count * count].reshape(-1, count)
         usual, off = (np.abs(part.sum(axis=1)) ** 2 for part in (blocks, ends))
+        # a burst of noise must not conceal a motion
+        usual = usual[usual <= EDGE_OF_MOTION * np.median(usual) / _MEDIAN_OF_SQUARES]
         if off.max() > EDGE_OF_MOTION * max(float(usual.mean()), 2.0 * count * noise**2):
             return True
     return False

@@ -39,9 +39,12 @@ def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
         return "NOT tested: nothing could be diagnosed."
     if proof.reason == "map":
         return f"Not tested on anything that was not fitted: the map was fitted to all of it. {HOW}"
+    on = f" with {proof.recording}" if not proof.left_out else ""
+    if proof.proven is None and proof.reason == "no_gain":
+        hardly = "what was found hardly changes the prediction"
+        return f"Not tested{on}: {_parts(proof)}{hardly}, {_error(proof, table)}."
     if proof.proven is None:
         return f"Not tested on anything that was not fitted: too few windows to leave some out. {HOW}"
-    on = f" with {proof.recording}" if not proof.left_out else ""
     if not proof.proven:
         return f"NOT consistent{on}: {_parts(proof)}{_why(proof, table)}."
     power = f"; {fixed(proof.smallest)} noise floors in a channel would have shown" if proof.smallest else ""
