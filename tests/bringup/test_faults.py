@@ -166,6 +166,17 @@ def test_a_node_that_stays_stopped_is_named(node: str, fault: str, tmp_path: Pat
     assert info(tmp_path / "recording").integrity.complete
 
 
+@pytest.mark.study
+def test_a_recorder_that_stays_stopped_is_named_and_completes_its_files(tmp_path: Path, watched: Watched):
+    with (
+        pytest.raises(GraphError, match="recorder: stopped by a signal"),
+        Graph(BRIEF, record=tmp_path / "recording", domain_id=next_domain()) as graph,
+    ):
+        watched.note(set(graph.pids.values()))
+        graph.run(progress=Stops(graph, "recorder", 1.0))
+    assert info(tmp_path / "recording").integrity.samples > 1000
+
+
 def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_path: Path, watched: Watched):
     """What the motor does then, sample by sample, is in test_guard.py."""
     directory = tmp_path / "recording"

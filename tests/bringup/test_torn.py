@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from gyrowheel_bringup.graph.processes import Child
+from gyrowheel_bringup.graph.processes import Child, is_stopped
 from gyrowheel_core.node import TORN
 
 from ..domains import next_domain
+from .helpers import wait_for
 
 NODE = """
 import ctypes, os, signal, sys
@@ -92,3 +93,17 @@ def test_a_node_that_hangs_logs_where_before_it_is_killed() -> None:
     _, log = process.communicate(timeout=60.0)
     assert process.returncode == -signal.SIGQUIT
     assert "in activate" in log
+
+
+def test_a_node_that_was_stopped_when_it_had_to_end_did_not_end_well(tmp_path: Path) -> None:
+    with subprocess.Popen(["sleep", "1000"]) as process:
+        try:
+            assert not is_stopped(process.pid)
+            process.send_signal(signal.SIGSTOP)
+            wait_for(lambda: is_stopped(process.pid))
+        finally:
+            process.kill()
+    assert not is_stopped(process.pid)
+    child = Child("recorder", process.pid, tmp_path / "log", returncode=0, expected=True, stopped=True)
+    assert not child.ended_well
+    assert child.ending == "stopped by a signal, such as SIGSTOP, and not continued"

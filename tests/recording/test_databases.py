@@ -53,6 +53,14 @@ def counted(path: Path) -> Path:
             "column 'data' of its table 'messages' is computed",
         ),
         (
+            f"{_TOPICS}{_MESSAGES} CREATE INDEX i ON messages(length(hex(zeroblob(20000000 + id))) * 0);",
+            "its index 'i' is computed; allowed in a recording: those of columns",
+        ),
+        (
+            f"{_TOPICS}{_MESSAGES} CREATE INDEX i ON messages(id) WHERE length(hex(zeroblob(id))) > 0;",
+            "its index 'i' is computed",
+        ),
+        (
             f"{_TOPICS}{_MESSAGES} INSERT INTO messages VALUES (1, 1, 1, 1000000000000);",
             "damaged: a message that is no bytes",
         ),
@@ -70,7 +78,17 @@ def counted(path: Path) -> Path:
             "its table 'messages' has no column 'timestamp'",
         ),
     ],
-    ids=["view", "computed", "a number", "no time", "no topic", "no table", "no column"],
+    ids=[
+        "view",
+        "computed",
+        "index of an expression",
+        "partial index",
+        "a number",
+        "no time",
+        "no topic",
+        "no table",
+        "no column",
+    ],
 )
 def test_database_without_message_tables_is_refused(text: str, said: str, tmp_path: Path) -> None:
     file = database(tmp_path / "a.db3", text)

@@ -43,6 +43,8 @@ class Child:
     log: Path
     returncode: int | None = None  # as that of `subprocess.Popen`
     expected: bool = False  # whether it was asked to end
+    stopped: bool = False  # whether it was stopped by a signal when it was asked to end
+    hung: bool = False  # whether it did not end when it was asked to
     shown: int = 0  # bytes of its log that were shown so far
     memory: set[str] = field(default_factory=set)  # shared memory that it was found to use
 
@@ -75,17 +77,30 @@ class Child:
     def ended_well(self) -> bool:
         """Whether the process ended well; SIGINT ends it until the node handles signals."""
         code = self.returncode
+        if self.stopped:
+            return False
         return code == 0 or (self.expected and (code == -signal.SIGINT or code in TORN))
 
     @property
     def ending(self) -> str:
         """End of the process in words."""
         code = self.returncode
+        if self.stopped:
+            return "stopped by a signal, such as SIGSTOP, and not continued"
+        if self.hung:
+            return f"did not end within {_STOP_TIMEOUT:g} s, and was killed"
         if code is not None and code < 0:
             return f"killed by {signal.Signals(-code).name}"
         if code == 0:
             return "was shut down while the bench ran"
         return f"exit code {code}"
+
+
+def is_stopped(pid: int) -> bool:
+    """Return whether a process is stopped by a signal or a debugger."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] in (b"T", b"t")
+    return False
 
 
 class Processes:
@@ -201,10 +216,12 @@ class Processes:
         self._look()
         for child in self.children.values():
             if child.returncode is None:
-                child.expected = True
+                child.expected, child.stopped = True, is_stopped(child.pid)
                 child.signal(signal.SIGINT)
+                child.signal(signal.SIGCONT)  # one that was stopped ends, too, and completes its files
         self._wait(_STOP_TIMEOUT)
         for child in self.children.values():
+            child.hung = child.returncode is None
             child.signal(signal.SIGQUIT)  # a node that hangs logs where it does
         self._wait(_TRACE_TIMEOUT)
         self._kill()

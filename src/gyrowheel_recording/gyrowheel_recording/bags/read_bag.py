@@ -23,6 +23,7 @@ from gyrowheel_recording.bags.metadata import METADATA_FILE, Metadata, read_meta
 
 _HEAD: Final = b"SQLite format 3\0"
 _BATCH: Final = 1 << 14  # messages parsed together
+_EXPRESSION: Final = -2  # instead of the number of a column, in an index
 _LONGEST: Final = 1 << 28  # bytes of a row
 _OBJECT: Final = 40  # bytes of overhead of a message
 #: Place of the journal mode in a file: 2 for a log next to it, which a file in memory cannot have.
@@ -122,6 +123,13 @@ def _check(database: sqlite3.Connection, file: Path) -> None:
             if hidden:
                 place = f"column {name[:60]!r} of its table {table[:60]!r}"
                 raise InputError(f"{file}: {place} is computed; allowed in a recording: stored ones")
+        # an index of an expression computes it for every row where the index is checked
+        for name, partial in database.execute("SELECT name, partial FROM pragma_index_list(?)", (table,)):
+            columns = database.execute("SELECT cid FROM pragma_index_xinfo(?)", (name,))
+            if partial or any(cid == _EXPRESSION for (cid,) in columns):
+                raise InputError(
+                    f"{file}: its index {name[:60]!r} is computed; allowed in a recording: those of columns"
+                )
     for table, needed in (("topics", _TOPICS), ("messages", _MESSAGES)):
         if table not in kinds:
             raise InputError(f"{file}: not a recording: it has no table '{table}'")
