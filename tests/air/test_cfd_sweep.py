@@ -98,7 +98,7 @@ SWEEP = ["cfd", "sweep", "--mesh", "tiny", "--iterations", "40", "--tilts", "0,2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.study), 2])
 def test_a_killed_sweep_resumes(tmp_path: Path, player: Player, jobs: int):
     study = tmp_path / "study"
     command = [

@@ -105,6 +105,7 @@ def test_an_effect_that_the_plan_cannot_show_is_reported_as_hidden(name: str, tm
     assert all(limits[key] > abs(value) for key, value in usual.items())
 
 
+@pytest.mark.study  # one plan more
 @pytest.mark.slow
 def test_yawing_the_rig_separates_the_earth_from_a_fixed_torque(tmp_path: Path) -> None:
     truth = {"earth_rate": {"E_x": 4.0e-5, "E_y": 4.0e-5}}
@@ -312,6 +313,7 @@ def test_recording_contains_no_hidden_truth(tmp_path: Path) -> None:
         assert b"noise_seed" not in content
 
 
+@pytest.mark.study  # test_known_effects.py fits an effect of the model again
 @pytest.mark.slow
 def test_adding_twice_fits_again_and_an_unknown_effect_is_refused(tmp_path: Path) -> None:
     machine = hidden_machine(15, {"windage": {"w": 0.001, "n": 1.48}})

@@ -100,9 +100,11 @@ def quick(tmp_path_factory):
         pytest.param("coil_voltage_y", step(20.0), -VOLTS, "step", "torque_y", (20.0,), marks=STUDY),
         # between two holds, while the tilt moves
         pytest.param("coil_voltage_y", step(29.5), VOLTS, "step", "torque_y", (29.5,), marks=STUDY),
-        ("coil_voltage_x", trend(60.0, 120.0), VOLTS, "trend", "torque_x", (60.0, 120.0)),
+        pytest.param(
+            "coil_voltage_x", trend(60.0, 120.0), VOLTS, "trend", "torque_x", (60.0, 120.0), marks=STUDY
+        ),
         ("coil_voltage_x", burst(70.0, 85.0), VOLTS, "burst", "torque_x", (70.0, 85.0)),
-        ("motor_current", step(110.0), 0.012, "step", "motor_current", (110.0,)),
+        pytest.param("motor_current", step(110.0), 0.012, "step", "motor_current", (110.0,), marks=STUDY),
         pytest.param("motor_voltage", step(61.0), 0.02, "step", "motor_voltage", (61.0,), marks=STUDY),
     ],
 )

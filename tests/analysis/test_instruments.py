@@ -75,7 +75,7 @@ def nothing_invented(found: Diagnosis, channel: str) -> None:
 
 
 #: The others are a study.
-EVERY_TIME = ("tilt_late", "twice")
+EVERY_TIME = ("tilt_late",)
 
 
 @pytest.mark.slow

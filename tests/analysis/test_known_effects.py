@@ -52,7 +52,7 @@ def test_an_effect_of_the_right_size_leaves_nothing_missing(recordings: dict[str
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("error", [8.0e-5, 0.0])
+@pytest.mark.parametrize("error", [8.0e-5, pytest.param(0.0, marks=pytest.mark.study)])
 def test_an_effect_of_a_wrong_size_is_the_only_finding(
     recordings: dict[str, Recording], error: float
 ) -> None:
@@ -70,6 +70,7 @@ def test_an_effect_of_a_wrong_size_is_the_only_finding(
     assert found.error.after.chi2_per_n < 1.2 < found.error.before.chi2_per_n
 
 
+@pytest.mark.study  # a wrong size like the one above
 @pytest.mark.slow
 def test_an_effect_that_the_machine_lacks_is_fitted_as_zero(recordings: dict[str, Recording]) -> None:
     found = diagnose([recordings["without"]], model_with(TRUTH["c"]))
@@ -100,6 +101,7 @@ def test_a_size_biased_by_another_effect_gives_a_warning(recordings: dict[str, R
     assert "moved" not in [doubt.kind for doubt in fine.doubts]
 
 
+@pytest.mark.study  # one law more
 @pytest.mark.slow
 def test_a_formula_that_explains_nothing_does_not_raise_the_noise(recordings: dict[str, Recording]) -> None:
     useless = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")

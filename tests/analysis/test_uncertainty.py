@@ -83,7 +83,9 @@ def test_without_undetected_effects_the_interval_is_that_of_the_standard_error(
     assert parts.middle == pytest.approx(fit.coefficients["eddy_drag"]["e"], rel=1e-4)
 
 
-@pytest.mark.parametrize(("exponent", "conflict"), [(1.60, True), (1.48, False)])
+@pytest.mark.parametrize(
+    ("exponent", "conflict"), [(1.60, True), pytest.param(1.48, False, marks=pytest.mark.study)]
+)
 def test_a_prior_that_is_wrong_is_reported_in_the_verdict(exponent: float, conflict: bool) -> None:
     recording = gw.simulate("quick", effects={"windage": {"w": 0.006, "n": exponent}}, machine=6, seed=6)
     found = gw.diagnose(recording, gw.Model())

@@ -28,7 +28,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
-from .helpers import LONG_PLAN, PATIENCE, Bystander, NodeProcess, alive, wait_for
+from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess, alive, wait_for
 
 # ruff: noqa: PT012  (the graph is a context manager, and the error comes from within)
 pytestmark = pytest.mark.graph
@@ -137,12 +137,12 @@ class Stops:
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("after", [0.0, 1.5, 3.0])
+@pytest.mark.parametrize("after", [0.0, 1.5])
 @pytest.mark.parametrize("node", ["plant", "controller", "conductor", "recorder", "drag_estimator"])
 def test_a_node_that_is_stopped_for_seconds_delays_lock_step(
     node: str, after: float, tmp_path: Path, watched: Watched
 ):
-    with Graph(BRIEF, record=tmp_path / "recording", domain_id=next_domain()) as graph:
+    with Graph(SHORT_PLAN, record=tmp_path / "recording", domain_id=next_domain()) as graph:
         watched.note(set(graph.pids.values()))
         stop = Stops(graph, node, after, 3.0)
         graph.run(progress=stop)
@@ -177,6 +177,7 @@ def test_a_recorder_that_stays_stopped_is_named_and_completes_its_files(tmp_path
     assert info(tmp_path / "recording").integrity.samples > 1000
 
 
+@pytest.mark.study  # test_guard.py has what the motor does
 def test_in_real_time_the_motor_is_brought_down_when_the_controller_dies(tmp_path: Path, watched: Watched):
     """What the motor does then, sample by sample, is in test_guard.py."""
     directory = tmp_path / "recording"
@@ -359,6 +360,7 @@ segments:
     assert info(directory).integrity.missing == 0
 
 
+@pytest.mark.study  # test_guard.py has a clock that is set
 def test_a_jump_of_the_clock_ends_the_plan(tmp_path: Path, watched: Watched):
     domain, directory = next_domain(), tmp_path / "recording"
     bystander = Bystander(domain)

@@ -110,8 +110,19 @@ def _joined(recordings: list[Path], target: Path) -> Path:
 
 @pytest.mark.graph
 @pytest.mark.slow
-@pytest.mark.parametrize("text", [BRIEF, pytest.param(PAIR, marks=pytest.mark.study)], ids=("brief", "pair"))
-def test_two_benches_share_a_domain(text: str, domain: int, bystander: Bystander, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "shared"),
+    [
+        (BRIEF, False),
+        pytest.param(BRIEF, True, marks=pytest.mark.study),
+        pytest.param(PAIR, True, marks=pytest.mark.study),
+    ],
+    ids=("alone", "brief", "pair"),
+)
+def test_a_bench_in_a_namespace_is_one_of_several_in_its_domain(
+    text: str, shared: bool, domain: int, bystander: Bystander, tmp_path: Path
+) -> None:
+    """Next to a bench without a namespace where it is `shared`."""
     plan = tmp_path / "plan.yaml"
     plan.write_text(text, encoding="utf-8")
     one, two = tmp_path / "one", tmp_path / "two"
@@ -147,10 +158,12 @@ def test_two_benches_share_a_domain(text: str, domain: int, bystander: Bystander
             met.set()
 
     thread = threading.Thread(target=run)
-    thread.start()
+    if shared:
+        thread.start()
     try:
         # both are there: each is refused a second time, by name, and a third one would not be
-        bystander.spin_until(lambda: failed or {"plant", "bench2/plant"} <= set(bystander.diagnoses))
+        wanted = {"bench2/plant", *(["plant"] if shared else [])}
+        bystander.spin_until(lambda: failed or wanted <= set(bystander.diagnoses))
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("ROS_DOMAIN_ID", str(domain))
             with pytest.raises(InputError, match=r"has a bench already in the namespace /bench2 \(nodes \w"):
@@ -160,7 +173,8 @@ def test_two_benches_share_a_domain(text: str, domain: int, bystander: Bystander
         bystander.spin_until(lambda: not thread.is_alive() and up.poll() is not None)
     finally:
         met.set()
-        thread.join()
+        if shared:
+            thread.join()
         if up.poll() is None:
             up.send_signal(signal.SIGINT)
         _, lines = up.communicate(timeout=60.0)
@@ -172,13 +186,13 @@ def test_two_benches_share_a_domain(text: str, domain: int, bystander: Bystander
     # an aggregator tells them apart, by name and by hardware
     named = {(name, hardware) for name, hardware, _ in said}
     nodes = ("plant", "controller", "conductor", "recorder", "drag_estimator")
-    assert named == {(name, "gyrowheel") for name in nodes} | {
-        (f"bench2/{name}", "gyrowheel/bench2") for name in nodes
-    }
+    alone = {(f"bench2/{name}", "gyrowheel/bench2") for name in nodes}
+    assert named == alone | {(name, "gyrowheel") for name in nodes if shared}
 
     # each recording holds the run of its own bench, to the bit, and its diagnoses alone
     hidden: dict[str, Any] = {"aero_cross": {}}
-    for folder, namespace, effects in ((one, "", dict[str, Any]()), (two, "/bench2", hidden)):
+    runs = ((two, "/bench2", hidden), (one, "", dict[str, Any]()))
+    for folder, namespace, effects in runs[: 2 if shared else 1]:
         with AnyReader([folder]) as reader:
             names = {c.topic for c in reader.connections}
             statuses = {
@@ -209,10 +223,11 @@ def test_two_benches_share_a_domain(text: str, domain: int, bystander: Bystander
 
     # what one bench did in its namespace is read as any other: salvaged, joined, replayed elsewhere
     assert salvage(two, tmp_path / "saved").complete
-    with pytest.raises(
-        InputError, match=r"measurement of several benches, in the namespaces /, /bench2; allowed"
-    ):
-        gw.Recording.open(_joined([one, two], tmp_path / "both"))
+    if shared:
+        with pytest.raises(
+            InputError, match=r"measurement of several benches, in the namespaces /, /bench2; allowed"
+        ):
+            gw.Recording.open(_joined([one, two], tmp_path / "both"))
     with Tape(two, only=["/gyrowheel/measurement"]) as tape:
         assert dict(tape.topics) == {topics.MEASUREMENT: info(two).integrity.samples}
     heard: list[int] = []

@@ -57,8 +57,8 @@ def arrange(text):
 
 
 @pytest.mark.graph
-@pytest.mark.slow
-@pytest.mark.parametrize("text", [BRIEF, pytest.param(PAIR, marks=pytest.mark.study)], ids=("brief", "pair"))
+@pytest.mark.study  # test_own_nodes.py runs the controller of another page
+@pytest.mark.parametrize("text", [BRIEF, PAIR], ids=("brief", "pair"))
 def test_a_machine_behind_the_node_of_the_page_is_recorded_and_diagnosed(text: str, tmp_path: Path) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert len(code.splitlines()) <= 42

@@ -23,9 +23,8 @@ _COUNTS = {
     "recording": 15,
     "chunks": 200,
     "message": 20,
-    "contents": 6,
-    "compare": 3,
-    "text": 15,
+    "contents": 4,
+    "text": 8,
     "formula": 30,
     "typed": 30,
     "csv": 20,
@@ -65,7 +64,7 @@ def test_a_few_messages(kind: str, tmp_path: Path) -> None:
 
 
 def test_every_kind_has_its_share() -> None:
-    assert {*_COUNTS, "graph", "heard", "diagnose"} == set(KINDS)  # a diagnosis takes too long
+    assert {*_COUNTS, "graph", "heard"} == set(KINDS) - {"compare", "diagnose"}  # they take too long
 
 
 # ---- the harness

@@ -349,6 +349,7 @@ def test_export_and_import_return_the_recording(drag: gw.Recording, tmp_path: Pa
         assert np.array_equal(again.measurement[name], drag.measurement[name])
 
 
+@pytest.mark.study  # test_investigate.py has the verb
 @pytest.mark.slow
 def test_investigation_ends_with_a_diagnosis_and_keeps_its_recordings(tmp_path: Path) -> None:
     said: list[str] = []
@@ -370,6 +371,7 @@ def test_investigation_ends_with_a_diagnosis_and_keeps_its_recordings(tmp_path: 
     assert "windage" in Page(done._repr_html_()).words
 
 
+@pytest.mark.study  # test_campaign.py has the verb
 @pytest.mark.slow
 def test_campaign_counts_its_cases(tmp_path: Path) -> None:
     told: list[int] = []

@@ -114,6 +114,7 @@ def test_encoder_steps_and_clock_of_the_independent_bench() -> None:
     np.testing.assert_allclose(taken.stamps, plain.stamps * (1.0 + 1e-4), atol=1.0)
 
 
+@pytest.mark.study  # the effects are compared below
 @pytest.mark.slow
 def test_holding_torques_agree_with_the_bench() -> None:
     steps = [Step(rpm, 3 + 0j, hold=4.0) for rpm in (1000.0, 3500.0, 4000.0)]
@@ -140,11 +141,13 @@ def test_holding_torques_agree_with_the_bench() -> None:
         pytest.param(
             {"flexure_damping": {"C": 1e-5}}, 0.0, -0.01 * 366.52 * 0.0559, 0.0, marks=pytest.mark.study
         ),
-        ({"flexure_hysteresis": {"h": 3e-3}}, 0.0, -3.0 * 0.0559, 0.0),
+        pytest.param({"flexure_hysteresis": {"h": 3e-3}}, 0.0, -3.0 * 0.0559, 0.0, marks=pytest.mark.study),
         pytest.param(
             {"cubic_stiffness": {"q": 4.0}}, 0.75 * 4e3 * 0.0559**3, 0.0, 0.0, marks=pytest.mark.study
         ),
-        ({"fixed_torque": {"F_x": 1e-3, "F_y": -5e-4}}, -1.0, 0.5, 0.5 * 0.0559),
+        pytest.param(
+            {"fixed_torque": {"F_x": 1e-3, "F_y": -5e-4}}, -1.0, 0.5, 0.5 * 0.0559, marks=pytest.mark.study
+        ),
         pytest.param({"bearing_coulomb": {"T": 2e-3}}, 0.0, 0.0, 2.0, marks=pytest.mark.study),
     ],
 )

@@ -35,6 +35,7 @@ _COMMAND = """
 """
 
 
+@pytest.mark.study  # test_cfd_sweep.py runs the same engine without them
 @pytest.mark.slow
 def test_a_campaign_without_semaphores(tmp_path: Path) -> None:
     code = errno.ENOSPC

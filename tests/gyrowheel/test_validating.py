@@ -63,6 +63,7 @@ def test_nan_readings_do_not_stop_the_analysis(gyrowheel: Shell, wheel: Wheel, t
     assert f"{tmp_path / name}: {name}: no reading is a number; " in result.err
 
 
+@pytest.mark.study  # test_event_laws.py has laws in place of events
 @pytest.mark.slow
 def test_a_large_unknown_law_in_the_validation_is_reported_as_such_and_not_as_events() -> None:
     """Steps and bursts describe a part of it, and leave far more than noise."""

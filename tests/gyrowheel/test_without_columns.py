@@ -120,6 +120,7 @@ def place(name: str) -> int:
     return wire.MEASUREMENT.fields.index(name)
 
 
+@pytest.mark.study  # NaN counts as missing above
 @pytest.mark.slow
 def test_an_impossible_reading_counts_as_missing(run: gw.Recording, tmp_path: Path) -> None:
     """A logger writes 1e30, or zero kelvin, where a sensor gives nothing."""

@@ -40,7 +40,8 @@ def _run(cache: Path) -> tuple[str, int]:
 
 
 @pytest.mark.slow
-def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("rounds", [1, pytest.param(4, marks=pytest.mark.study)])
+def test_damaged_code_is_compiled_again(rounds: int, tmp_path: Path) -> None:
     """Machine code comes from the cache once it is there; damaged, exchanged or missing, it is compiled anew."""
     folder = tmp_path / "cache"
     fresh, hits = _run(folder)
@@ -49,7 +50,7 @@ def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
     entries = sorted(place for place in folder.iterdir() if place.name.startswith("code_"))
     whole = [place.read_bytes() for place in entries]
     draw = random.Random(3)
-    for round_ in range(2):
+    for round_ in range(rounds):
         for at, (place, content) in enumerate(zip(entries, whole, strict=True)):
             damaged = bytearray(content)
             kind = (2 * round_ + at) % 4
