@@ -24,8 +24,9 @@ from .helpers import Shell
 ODD = os.fsdecode(b"a 'b\" \n\t\x1b[2J\x9b \xc3\xa9\xe2\x84\xa6 @from= %d {x} $x^$ \xff -")
 
 
+@pytest.mark.parametrize("more", [False, pytest.param(True, marks=pytest.mark.study)])
 def test_every_verb_reads_and_writes_files_with_odd_names(
-    gyrowheel: Shell, wheel: Wheel, tmp_path: Path
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path, more: bool
 ) -> None:
     """What is written under an odd name is read from it, by each verb that writes."""
     for stream in (sys.stdout, sys.stderr):  # as the program does where it is started
@@ -35,7 +36,7 @@ def test_every_verb_reads_and_writes_files_with_odd_names(
     folder.mkdir()
     recording = folder / ODD
     shutil.copytree(wheel.recording, recording)
-    model, columns = folder / f"{ODD}.yaml", folder / "map.yaml"
+    model, columns, report = folder / f"{ODD}.yaml", folder / "map.yaml", folder / f"{ODD}.html"
     for made, *arguments in (
         (model, "model", "new", "--model", model),
         (folder / f"info {ODD}", "info", recording, "--json", folder / f"info {ODD}"),
@@ -52,9 +53,18 @@ def test_every_verb_reads_and_writes_files_with_odd_names(
             "--scale",
             "tilt_x=-1",
         ),
-        (folder / f"{ODD}.png", "compare", recording, "--model", model, "--picture", folder / f"{ODD}.png"),
-        (folder / f"{ODD}.html", "report", recording, "--model", model, "-o", folder / f"{ODD}.html"),
-        (folder / f"{ODD}.json", "compare", recording, "--model", model, "--json", folder / f"{ODD}.json"),
+        (
+            folder / f"{ODD}.png",
+            "compare",
+            recording,
+            "--model",
+            model,
+            "--picture",
+            folder / f"{ODD}.png",
+            "--json",
+            folder / f"{ODD}.json",
+        ),
+        *([(report, "report", recording, "--model", model, "-o", report)] if more else []),
     ):
         done = gyrowheel(*map(str, arguments))
         assert done.code == OK, (arguments[0], done.err)

@@ -51,6 +51,7 @@ _BY_SHAPE = 0.5
 #: Square of a drift's scale from which on the drift may conceal a missing effect.
 _COVERING = 2.0
 _TRIED = 8
+_FIRST_STEPS = 3  # of a fit, after which a form without promise is left
 _TRIED_OF_A_KIND = 2
 
 _EXPONENT = 1.0  # prior deviation of an exponent
@@ -239,7 +240,10 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
         for gain, term in _foremost(ranked):
             if _hopeless(problem, selection.best, start, gain):
                 continue
-            fit = problem.fit((*start.terms, term), start)
+            fit = problem.fit((*start.terms, term), start, iterations=_FIRST_STEPS)
+            if _covered(problem) < _COVERING and start.chi2 - fit.chi2 < needed * _BY_SHAPE:
+                continue
+            fit = problem.fit(fit.terms, fit)
             found = Proposal(term, fit, base - problem.evidence(fit))
             better = found.gain > needed and (best is None or found.gain > best.gain)
             if better and implausible(problem, fit) is None:
