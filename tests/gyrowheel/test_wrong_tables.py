@@ -120,6 +120,11 @@ def clipped(volts: np.ndarray) -> np.ndarray:
     return np.minimum(volts, float(np.median(volts)) + 0.2)
 
 
+def noise_clipped(volts: np.ndarray) -> np.ndarray:
+    """Let noise reach where the range of the logger ends, and come back from it."""
+    return np.minimum(volts, float(np.percentile(volts, 80.0)))
+
+
 def merged(table: Table) -> None:
     """Let two loggers fill every other row."""
     for name in list(table.columns)[1:]:
@@ -210,6 +215,10 @@ WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
     "volts clipped": (
         values("Motor voltage [V]", clipped),
         ("motor_voltage: 'Motor voltage [V]' stays at", "clip", "wider range"),
+    ),
+    "noise clipped": (
+        values("Coil X [V]", noise_clipped),
+        ("coil_voltage_x: 'Coil X [V]' stays at", "clip", "wider range"),
     ),
     "a slow logger": (
         values("Time [s]", lambda x: 100.0 * x),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import gyrowheel as gw
@@ -13,6 +15,7 @@ from gyrowheel.show.sentences.findings import reading_sentence
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.reduction.instrument_readings import look, reading_findings
 from gyrowheel_analysis.reduction.segmentation import reduce
+from gyrowheel_core.readings import READINGS
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled import correct, corrected
 from gyrowheel_recording.mislabelled.blocks import NAMES
@@ -72,6 +75,20 @@ def test_a_coarse_reading_is_held_where_it_changes_in_even_rows_only(right: Reco
     assert rows_a_value(held(np.round(values / step) * step, rows)) == rows
 
 
+@pytest.mark.parametrize("digits", [4, 5, 7, 9])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_converter_of_few_bits_written_with_few_digits_is_not_questioned(
+    right: Recording, name: str, digits: int
+) -> None:
+    values = right.measurement[name][:40_000]
+    usual = float(np.median(np.abs(np.diff(values))))
+    smooth = np.convolve(values, np.full(30, 1 / 30), mode="same") if name != "spin_angle" else values
+    for part in (0.1, 0.7, 3.0):
+        for own in (values, smooth):
+            shown = np.char.mod(f"%.{digits}g", 57.3 * np.round(own / (part * usual)) * part * usual)
+            assert rows_a_value(shown.astype(np.float64)) == 1.0
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_readings_that_repeat_for_other_reasons_are_not_questioned(right: Recording, name: str) -> None:
     values = right.measurement[name]
@@ -99,6 +116,64 @@ def test_the_cure_takes_rows_with_new_values_alone(right: Recording, bench: Benc
     assert mended["coil_voltage_x"] == pytest.approx(right.measurement["coil_voltage_x"][rows])
     assert np.all(np.diff(mended["sequence"].astype(int)) == 1)
     assert not wrong_setups([replace(right, measurement=mended)], bench)
+
+
+def test_the_cure_takes_new_values_at_a_distance_that_is_no_whole_number_of_samples(
+    right: Recording, bench: Bench, tmp_path: Path
+) -> None:
+    lost = np.random.default_rng(5).random(len(right.measurement)) < 0.001
+    kept = replace(right, measurement=right.measurement[~lost])
+    wrong = spoilt(kept, lambda samples: samples.__setitem__("tilt_x", held(samples["tilt_x"], 20 / 3)))
+    (found,) = wrong_setups([wrong], bench)
+    assert found.cure.every == pytest.approx(20 / 3, rel=0.01)
+    mended = corrected(wrong.measurement, found.cure)
+    rows = np.isin(right.measurement["stamp_ns"], mended["stamp_ns"])
+    assert np.mean(mended["tilt_x"] == right.measurement["tilt_x"][rows]) > 0.98
+    assert np.mean(np.diff(mended["sequence"].astype(int)) == 1) > 0.99
+    assert not wrong_setups([replace(right, measurement=mended)], bench)
+
+    table = pd.DataFrame({"time": 1e-9 * wrong.measurement["stamp_ns"]} | {
+        name: wrong.measurement[name] for name in READINGS
+    })  # fmt: skip
+    asked = gw.suggest_map(table)
+    (question,) = asked.questions
+    assert "tilt_x is new in every 6.7th sample only" in question
+    assert "In the map: every: 6.67." in question
+    read = gw.read_table(table, asked.content | {"every": 6.67})
+    assert len(read.measurement) == pytest.approx(len(mended), rel=0.001)
+    assert not wrong_setups([read.data], bench)
+
+
+def test_held_voltages_are_left_out_where_too_few_samples_are_new(right: Recording, bench: Bench) -> None:
+    def change(samples: np.ndarray) -> None:
+        samples["coil_voltage_x"] = held(samples["coil_voltage_x"], 40)
+
+    (found,) = wrong_setups([spoilt(right, change)], bench)
+    assert (found.cure.every, found.cure.without) == (1, ("coil_voltage_x",))
+    (found,) = wrong_setups(
+        [spoilt(right, lambda own: own.__setitem__("tilt_x", held(own["tilt_x"], 40)))], bench
+    )
+    assert not found.cure
+
+
+def test_readings_that_are_new_in_different_samples_have_no_common_ones(
+    right: Recording, bench: Bench
+) -> None:
+    def change(samples: np.ndarray) -> None:
+        samples["tilt_x"], samples["tilt_y"] = held(samples["tilt_x"], 4), held(samples["tilt_y"], 4, late=2)
+
+    (found,) = wrong_setups([spoilt(right, change)], bench)
+    assert not found.cure
+
+
+def test_an_angle_that_is_held_for_most_of_a_turn_is_named_at_the_import(right: Recording) -> None:
+    angle = held(right.measurement["spin_angle"], 31)
+    table = pd.DataFrame({"time": 1e-9 * right.measurement["stamp_ns"]} | {
+        name: right.measurement[name] for name in READINGS
+    })  # fmt: skip
+    (question,) = gw.suggest_map(table.assign(spin_angle=angle)).questions
+    assert "spin_angle is new in every 31st sample only" in question
+    assert "leave out columns.spin_angle" in question
 
 
 def test_a_held_speed_is_left_out_where_the_angle_shows_it(right: Recording, bench: Bench) -> None:

@@ -277,7 +277,7 @@ def correct(
     offset: Mapping[str, float] | None = None,
     shift: Mapping[str, float] | None = None,
     without: Sequence[str] = (),
-    every: int = 1,
+    every: float = 1,
     folder: str | Path | None = None,
 ) -> Recording:
     """Return a copy of a recording with corrected readings.
@@ -294,7 +294,7 @@ def correct(
         Readings to move to later times [s]; samples without a shifted reading are dropped.
     without : sequence of str
         Readings to leave out, as if they had not been measured.
-    every : int
+    every : float
         Of so many samples one is kept: that in which a reading that is held so long is new.
     folder : str or Path, optional
         New directory to keep it in; a temporary one that is removed with the recording if not given.

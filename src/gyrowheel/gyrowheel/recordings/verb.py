@@ -59,7 +59,8 @@ def correct(
         list[str] | None, option("--without NAME", "Leave a reading out, as not measured. Repeatable.")
     ] = None,
     every: Annotated[
-        int, option("--every N", "Of N samples keep the one in which a reading that is held so long is new.")
+        float,
+        option("--every N", "Of N samples keep the one in which a reading that is held so long is new."),
     ] = 1,
     json: Json = None,
 ) -> None:

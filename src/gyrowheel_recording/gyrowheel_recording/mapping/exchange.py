@@ -115,6 +115,7 @@ def import_table(
         _check_spin(table, readings, np.asarray(stamps * 1e-9, dtype=np.float64))
     if angle is not None and np.isfinite(readings["spin_angle"]).any():
         remarks += _hidden_turns(readings, clock.period, clock.period)
+    remarks += _lacking(readings, column_map)
     readings["spin_angle"] = np.mod(readings["spin_angle"], 2.0 * math.pi)
     # a remainder may round up to the divisor itself
     readings["spin_angle"][readings["spin_angle"] >= 2.0 * math.pi] = 0.0
@@ -176,6 +177,17 @@ def _turned(table: Table, source: Source, readings: NDArray[Any], clock: Clock) 
         raise InputError(f"{table.path}: column '{source.column}': {error}") from None
 
 
+def _lacking(readings: NDArray[Any], column_map: ColumnMap) -> list[str]:
+    """Return how many samples lack a reading that the others have."""
+    lacking = {name: ~np.isfinite(readings[name]) for name in READINGS if name in column_map.columns}
+    lacking = {name: none for name, none in lacking.items() if none.any() and not none.all()}
+    if not lacking:
+        return []
+    count = int(np.logical_or.reduce(list(lacking.values())).sum())
+    lack = "sample lacks" if count == 1 else "samples lack"
+    return [f"{count} of {len(readings)} {lack} a reading ({', '.join(lacking)})"]
+
+
 def _hidden_turns(readings: NDArray[Any], period: float, step: float) -> list[str]:
     """Leave out an angle that was read too seldom, every `step` seconds, to show how far it turns."""
     fastest = _fastest(readings, period)
@@ -204,7 +216,10 @@ def _check_spin(table: Table, readings: NDArray[Any], time: NDArray[np.float64])
     means = 0.5 * (rate[1:] + rate[:-1])
     # the angle does not show the number of turns in a gap
     known = (np.diff(readings["sequence"].astype(np.int64)) == 1) & np.isfinite(turns) & np.isfinite(means)
-    known &= np.abs(means) * passed < _TURNS
+    held = rows_a_value(readings["spin_angle"].astype(np.float64), readings["sequence"].astype(np.int64))
+    known &= (
+        np.abs(means) * passed * held < _TURNS
+    )  # one that is held over too many rows is questioned as that
     turned, expected = float(np.sum(turns[known])), float(np.sum((means * passed)[known]))
     # noise and the ends of the range make less than a tenth of a turn
     if abs(turned - expected) > max(0.02 * abs(expected), 0.2 * math.pi):

@@ -321,7 +321,7 @@ class MapFile(Section):
     bench: Text = "gyrowheel"
     time: Annotated[Source, _fit(Reading("s", -math.inf, math.inf))] | None = None
     rate: Annotated[Number, Field(ge=1.0 / LONGEST, le=1.0 / SHORTEST)] | None = None
-    every: Annotated[Whole, Field(ge=1, le=MOST_HELD)] = 1
+    every: Annotated[Number, Field(ge=1.0, le=MOST_HELD)] = 1
     sequence: Annotated[Source, _fit(Reading("", 0, 2**53))] | None = None
     missing: Literal["refuse", "keep"] = REFUSE
     columns: dict[str, Any]
@@ -370,7 +370,7 @@ class ColumnMap:
     #: Origins of readings that no instrument took, in an exported table.
     readings: dict[str, Origin]
     rate: float = 0.0  # rows a second, where there is no column of times [1/s]
-    every: int = 1  # of so many rows one is taken: that in which a held reading is new
+    every: float = 1  # of so many rows one is taken: that in which a held reading is new
 
     @classmethod
     def load(cls, file: str | Path) -> ColumnMap:

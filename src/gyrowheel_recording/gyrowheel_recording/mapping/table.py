@@ -26,7 +26,7 @@ from gyrowheel_recording.mapping.map_file import (
 from gyrowheel_recording.mapping.own_rows import interpolated, sample_rows
 from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
 from gyrowheel_recording.mapping.table_file import read_columns
-from gyrowheel_recording.mislabelled import new_rows
+from gyrowheel_recording.mislabelled import new_rows, renumbered
 from gyrowheel_recording.mislabelled.blocks import NAMES
 from gyrowheel_recording.tables import Column, Grid
 
@@ -169,6 +169,8 @@ class Table:
                 k = int(back[0]) + 1
                 what = f"{numbers[k]} follows {numbers[k - 1]}; the sequence must ascend"
                 raise self._error(source.column, what, k)
+            if self._map.every > 1:
+                numbers = renumbered(numbers, self._map.every)
         try:
             return clock_of(self._time, numbers)
         except ClockError as error:
@@ -247,7 +249,7 @@ class Table:
                 f"{', '.join(moved)}: have rows of their own, interpolated to the samples{left}"
             )
 
-    def _take_new_rows(self, every: int) -> None:
+    def _take_new_rows(self, every: float) -> None:
         """Take the rows in which readings that are held over `every` rows are new."""
         for source in self._map.sources:
             if source.pulses and source.column in self._columns and source.column not in self._pulses:
@@ -261,11 +263,11 @@ class Table:
         }
         taken = np.flatnonzero(new_rows(columns, numbers, every))
         if len(taken) < 2:
-            raise InputError(f"{self.path}: {len(taken)} rows by `every: {every}`; allowed: 2 or more")
+            raise InputError(f"{self.path}: {len(taken)} rows by `every: {every:g}`; allowed: 2 or more")
         self._columns = {name: column.take(pa.array(taken)) for name, column in self._columns.items()}
         self._time, self._taken = self._time[taken], self._taken[taken]
         self.remarks.append(
-            f"{len(taken)} of {len(numbers)} rows are taken: those with new values (`every: {every}`)"
+            f"{len(taken)} of {len(numbers)} rows are taken: those with new values (`every: {every:g}`)"
         )
 
     def _stamps(self, name: str, column: Any) -> NDArray[np.int64]:

@@ -49,7 +49,7 @@ class Fix:
     offset: Mapping[str, float] = field(default_factory=dict)
     shift: Mapping[str, float] = field(default_factory=dict)  # columns to move to later times [s]
     without: tuple[str, ...] = ()  # columns to leave out, as if they had not been measured
-    every: int = 1  # of so many samples one is taken: that in which a held reading is new
+    every: float = 1  # of so many samples one is taken: that in which a held reading is new
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -126,6 +126,7 @@ class WrongSetup:
 
 _ANGLE: Final = "spin_angle"
 _LONGEST_HELD: Final = 1000  # samples
+_OFTEN: Final = 1.05  # times as many changes as a held reading can have show that it is another one
 
 
 def correct(recording: Recording, cure: Fix, directory: str | Path) -> int:
@@ -210,27 +211,42 @@ def corrected(samples: NDArray[Any], cure: Fix) -> NDArray[Any]:
     if cure.every > 1:
         taken = new_rows({name: samples[name] for name in NAMES}, sequence, cure.every)
         keep &= taken
-        result["sequence"] //= cure.every
+        result["sequence"][taken] = renumbered(sequence[taken], cure.every)
     if not keep.any():
         raise InputError(f"shift: nothing is left; allowed: less than {len(samples) * period:.6g} s")
     return result[keep]
 
 
-def new_rows(columns: Mapping[str, Any], numbers: NDArray[np.int64], every: int) -> NDArray[np.bool_]:
+def new_rows(columns: Mapping[str, Any], numbers: NDArray[np.int64], every: float) -> NDArray[np.bool_]:
     """Return the rows, `every` so many, in which readings that are held so long are new.
 
-    `columns` are readings by name; the one that is held shows the rows. `numbers` are those of the samples.
+    `columns` are readings by name; the one that is held shows the rows. `numbers` are those of the samples. A new value
+    that equals the last one does not show: where a value stays longer, rows between are taken at the usual distance.
     """
-    best, phase = 0.0, 0
+    shown: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+    most = _OFTEN * float(numbers[-1] - numbers[0] + 1) / every if len(numbers) else 0.0
     for name in (own for own in NAMES if own in columns):
-        values = np.asarray(columns[name], dtype=np.float64)
-        changed = numbers[1:][np.diff(values) != 0.0]
-        if not len(changed):
-            continue
-        counts = np.bincount(changed % every, minlength=every)
-        if counts.max() / counts.sum() > best:
-            best, phase = counts.max() / counts.sum(), int(np.argmax(counts))
-    return np.asarray(numbers % every == phase)
+        changed = 1 + np.flatnonzero(np.diff(np.asarray(columns[name], dtype=np.float64)) != 0.0)
+        if len(shown) < len(changed) <= most:
+            shown = numbers[changed]
+    if not len(shown):
+        return np.asarray(np.arange(len(numbers)) == 0)
+    ends = np.r_[numbers[0] - 1, shown, numbers[-1] + 1]
+    places: list[NDArray[Any]] = [shown]
+    for at in np.flatnonzero(np.diff(ends) > 1.5 * every):
+        one, other = ends[at], ends[at + 1]
+        if at == 0:  # back from the first change
+            places.append(np.round(np.arange(other - every, one, -every)))
+        else:
+            step = every if at == len(shown) else (other - one) / round((other - one) / every)
+            places.append(np.round(np.arange(one + step, other - 0.5 * step, step)))
+    return np.isin(numbers, np.concatenate(places).astype(np.int64))
+
+
+def renumbered(numbers: NDArray[np.int64], every: float) -> NDArray[np.int64]:
+    """Return the numbers of samples of which one in `every` was taken; those that are missing count on."""
+    steps = np.maximum(np.round(np.diff(numbers) / every).astype(np.int64), 1)
+    return np.asarray(int(numbers[0] // every) + np.r_[0, np.cumsum(steps)], dtype=np.int64)
 
 
 def _scaled_angle(angle: NDArray[np.float64], factor: float) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_core.readings import Readings
-from gyrowheel_recording.mislabelled import Fix, WrongSetup
+from gyrowheel_recording.mislabelled import Fix, WrongSetup, new_rows
 from gyrowheel_recording.mislabelled.blocks import NAMES
 from gyrowheel_sim.bench import Bench
 
@@ -33,11 +33,20 @@ _MOST: Final = 400  # rows
 _PAUSES: Final = 4.0  # usual lengths; longer stretches without a change are those of something at rest
 _WHOLE: Final = 0.02  # of a row
 _SAME_PERIOD: Final = 0.05  # part
+#: Changes in a piece, and by how much their rows scatter about even ones: by 0.3 rows if they are rounded from such,
+#: by a walk of 1.5 times their distance in 64 if they come by chance.
+_PIECE, _OFF = 64, 0.45
+#: Steps of a coarse reading: smaller ones in usual changes do not matter; changes of so many steps are looked at; by
+#: how much they scatter about whole steps, and part of them that does.
+_FINE, _MANY, _SCATTER, _MOSTLY = 0.05, 12.0, 0.2, 0.95
+_SOME_NEW: Final = 0.9  # part of the rows taken in which every held reading is new
 #: Readings that follow from others, and these.
 _DERIVED: Final = {
     "spin_rate": "spin_angle", "motor_current": "motor_voltage", "motor_voltage": "motor_current",
 }  # fmt: skip
 _VOLTAGES: Final = ("coil_voltage_x", "coil_voltage_y", "motor_voltage")
+_TILTS: Final = ("tilt_x", "tilt_y")
+_TORQUES: Final = {*_VOLTAGES, "motor_current"}  # one of them at least must be known
 _SLOWEST: Final = (
     0.9 * math.pi
 )  # rad between two rows, beyond which the angle does not show how far the shaft turned
@@ -48,36 +57,70 @@ def rows_a_value(values: Array, numbers: NDArray[np.int64] | None = None) -> flo
 
     `numbers` (n,) are those of the samples, where some are missing.
     """
-    runs, changes, places = _runs(values, np.arange(len(values)) if numbers is None else numbers)
+    runs, changes, places, new = _runs(values, np.arange(len(values)) if numbers is None else numbers)
     digit = 32.0 * np.finfo(float).eps * float(np.nanmax(np.abs(values), initial=0.0))
     sizes = changes[changes > digit]
     if len(runs) < _FEWEST or len(sizes) < _FEWEST:
         return 1.0
-    # an angle changes by nearly the same from row to row: its steps show in how much that differs
-    gaps = np.diff(np.unique(sizes))
-    usual, step = (
-        float(np.median(sizes)),
-        float(min(sizes.min(), np.min(gaps[gaps > digit], initial=math.inf))),
-    )
-    ratio = usual / step
-    if ratio < _COARSE:
+    usual = float(np.median(sizes))
+    step = _coarse_step(sizes, usual, new)
+    if step > usual / _COARSE:
         return _even_rows(places, changes, step)
     moving = runs[runs <= max(_PAUSES * float(np.median(runs)), 2.0)]
-    if float(np.mean(moving > 1)) < max(_REPEATED, _BY_CHANCE / ratio):
+    if float(np.mean(moving > 1)) < max(_REPEATED, _BY_CHANCE * step / usual):
         return 1.0
-    mean = float(np.mean(moving))
     # a new value that equals the last one by chance makes two stretches one
     whole = float(np.median(moving))
-    rows = whole if whole > 1.0 and np.mean(np.remainder(moving, whole) == 0.0) > _EVEN else mean
-    return rows if rows <= _MOST else 1.0
+    if not (whole > 1.0 and np.mean(np.remainder(moving, whole) == 0.0) > _EVEN):
+        whole = float(np.mean(moving))
+    rows = _even_distance(places, whole)
+    return rows if 1.0 + _REPEATED <= rows <= _MOST else 1.0
 
 
-def _runs(values: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Return the lengths of stretches of one value, the sizes of the changes between, and the rows of these."""
+def _coarse_step(sizes: Array, usual: float, new: Array) -> float:
+    """Return the step of a reading from the sizes of its changes and its new values; 0 where it is much finer.
+
+    Its values may be written with few digits, which scatter about the steps.
+    """
+    some = sizes[sizes > _FINE * usual]
+    step = float(np.median(some[some <= 1.5 * np.percentile(some, 2.0)]))
+    steps = some[some < _MANY * step] / step
+    if float(np.mean(np.abs(steps - np.round(steps)) < _SCATTER)) < _MOSTLY:
+        return 0.0
+    # changes of an angle at one speed are multiples of one, too, but it comes to other values in every turn
+    levels = float(np.ptp(new)) / step + 1.0
+    return 0.0 if len(np.unique(new)) > 4.0 * levels else step
+
+
+def _even_distance(places: NDArray[np.int64], rows: float) -> float:
+    """Return the distance of rows with new values; 1 where they do not come evenly.
+
+    Where a coarse reading repeats by chance, the distances add up at random. `rows` is about the distance.
+    """
+    steps = np.diff(places).astype(np.float64)
+    count = min(_PIECE, len(steps))
+    pieces = steps[: len(steps) // count * count].reshape(-1, count)
+    pieces = pieces[np.all((pieces > 0.0) & (pieces <= _PAUSES * max(rows, 2.0)), axis=1)]
+    if not len(pieces):
+        return rows
+    # a new value that equals the last one makes two stretches one
+    numbers = np.ceil(pieces / 2.0) if rows < 2.0 else np.maximum(np.round(pieces / rows), 1.0)
+    numbers = np.cumsum(numbers, axis=1)
+    off = np.cumsum(pieces, axis=1)
+    numbers -= numbers.mean(axis=1, keepdims=True)
+    off -= off.mean(axis=1, keepdims=True)
+    slopes = np.sum(numbers * off, axis=1) / np.sum(numbers**2, axis=1)
+    if float(np.median(np.std(off - slopes[:, None] * numbers, axis=1))) > _OFF * rows:
+        return 1.0
+    return rows if rows == round(rows) else float(np.median(slopes))
+
+
+def _runs(values: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array, NDArray[np.int64], Array]:
+    """Return the lengths of stretches of one value, and of the changes between sizes, rows and new values."""
     starts = np.unique(np.linspace(0, max(len(values) - _LENGTH, 0), _PIECES).astype(np.int64))
     ends = np.append(np.maximum(starts[1:], 0), len(values))
     low, high = float(np.nanmin(values, initial=math.inf)), float(np.nanmax(values, initial=-math.inf))
-    runs, changes, places = [], [], []
+    runs, changes, places, new = [], [], [], []
     for start, end in zip(starts, ends, strict=True):
         piece = values[start : min(start + _LENGTH, int(end))]
         own = numbers[start : start + len(piece)]
@@ -90,9 +133,11 @@ def _runs(values: Array, numbers: NDArray[np.int64]) -> tuple[Array, Array, NDAr
         runs.append((own[at[1:]] - own[at[:-1]])[inner])
         changes.append(np.abs(piece[at] - piece[at - 1]))
         places.append(own[at])
+        new.append(piece[at])
     if not runs:
-        return np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64)
-    return np.concatenate(runs).astype(np.float64), np.concatenate(changes), np.concatenate(places)
+        return np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(0)
+    lengths = np.concatenate(runs).astype(np.float64)
+    return lengths, np.concatenate(changes), np.concatenate(places), np.concatenate(new)
 
 
 def _even_rows(places: NDArray[np.int64], changes: Array, step: float) -> float:
@@ -133,22 +178,49 @@ def held_setup(
     """Return the held readings as wrong setups, one for each number of rows, with the cure of all.
 
     A reading that follows from others is left out. Of the others the rows with new values are taken, where these are
-    the same for all.
+    the same for all; else those are left out, too, that may be missing.
     """
     held = held_readings(readings, time, numbers, bench)
     if not held:
         return []
+    cure = _cure(held, readings, time, numbers, absent)
+    by_rows: dict[float, list[str]] = {}
+    for name, rows in held.items():
+        by_rows.setdefault(round(rows, 1), []).append(name)
+    return [WrongSetup("held", tuple(names), cure, value=rows) for rows, names in sorted(by_rows.items())]
+
+
+def _cure(
+    held: dict[str, float],
+    readings: Readings,
+    time: Array,
+    numbers: NDArray[np.int64],
+    absent: frozenset[str],
+) -> Fix:
     without = tuple(
         name for name in held if (other := _DERIVED.get(name)) and other not in held and other not in absent
     )
     without = () if set(held) >= {"motor_current", "motor_voltage"} else without
     rest = {name: rows for name, rows in held.items() if name not in without}
-    every = round(max(rest.values(), default=1.0))
-    whole = all(abs(rows - round(rows)) < _WHOLE and every % round(rows) == 0 for rows in rest.values())
+    if not rest:
+        return Fix(without=without)
+    every = max(rest.values())
+    every = round(every) if abs(every - round(every)) < _WHOLE else round(every, 2)
     fastest = float(np.nanmax(np.abs(readings.spin_rate), initial=0.0))
-    shown = every * float(np.median(np.diff(time))) * fastest < _SLOWEST
-    cure = Fix(every=every, without=without) if whole and shown else Fix()
-    by_rows: dict[float, list[str]] = {}
-    for name, rows in held.items():
-        by_rows.setdefault(round(rows, 1), []).append(name)
-    return [WrongSetup("held", tuple(names), cure, value=rows) for rows, names in sorted(by_rows.items())]
+    # of fewer rows the angle is not known, and what turns with the rotor may look like what stands
+    if every * float(np.median(np.diff(time))) * fastest < _SLOWEST:
+        taken = new_rows({name: readings[name] for name in rest}, numbers, every)
+        if all(_new(readings[name], taken) for name in rest):
+            return Fix(every=every, without=without)
+    left = absent | held.keys()
+    if left.isdisjoint(_TILTS) and not left >= {"spin_angle", "spin_rate"} and not left >= _TORQUES:
+        return Fix(without=tuple(held))
+    return Fix()
+
+
+def _new(values: Array, taken: NDArray[np.bool_]) -> bool:
+    """Whether a held reading is new in the rows that are taken, but for values that are equal by chance."""
+    changed = np.r_[True, np.diff(values) != 0.0]
+    return bool(
+        np.mean(changed[taken]) > _SOME_NEW * min(1.0, np.count_nonzero(changed) / np.count_nonzero(taken))
+    )

@@ -151,7 +151,7 @@ def _options(whole: Fix) -> list[str]:
     for option, values in (("scale", whole.scale), ("offset", whole.offset), ("shift", whole.shift)):
         words += [f"--{option} {name}={value:.10g}" for name, value in values.items()]
     words += [f"--without {name}" for name in whole.without]
-    return [*words, f"--every {whole.every}"] if whole.every > 1 else words
+    return [*words, f"--every {whole.every:g}"] if whole.every > 1 else words
 
 
 def _hopeless(found: WrongSetup) -> str:
@@ -186,8 +186,8 @@ def map_lines(found: WrongSetup) -> list[str]:
     lines += [f"columns.{name}.scale: {value:.10g}" for name, value in own.scale.items()]
     # an offset of a map is in the unit of the table
     lines += [f"columns.{name}.unit: degC" for name in own.offset]
-    lines += [f"leave out columns.{name}, which follows from others" for name in own.without]
-    return [*lines, f"every: {own.every}"] if own.every > 1 else lines
+    lines += [f"leave out columns.{name}" for name in own.without]
+    return [*lines, f"every: {own.every:g}"] if own.every > 1 else lines
 
 
 def setup_line(found: Sequence[WrongSetup]) -> str:

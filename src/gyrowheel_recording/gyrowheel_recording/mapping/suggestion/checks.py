@@ -40,6 +40,7 @@ _BESIDE: Final = 20  # rows before and after a jump
 _CLIPPED: Final = ("tilt_x", "tilt_y", "spin_rate", "coil_voltage_x", "coil_voltage_y", *COIL_CURRENT, "motor_voltage",
                    "motor_current")  # fmt: skip
 _STAYS: Final = 20  # values in a row at the end of a range
+_SOME_CLIPPED: Final = 0.01  # part of the values at the end of a range, where no other value is so frequent
 
 
 #: Odd cells by their kind: what is wrong with them, and the cure.
@@ -72,7 +73,9 @@ def odd_cells(field: str, name: str, column: Column) -> list[Problem]:
         missing = odd.kind == "text" and odd.text.lower() in _NO_READING
         if missing:
             what, cure = "hold {text}, {where}: no reading.", "`csv: missing:` in the map says so."
-        what = what.format(where=f"first in row {odd.row + 1}", text=f"'{odd.text[:24]}'")
+        strange = next((sign for sign in odd.text if not sign.isascii()), "")
+        named = f"'{odd.text[:24]}'" + (f" (with the character U+{ord(strange):04X})" if strange else "")
+        what = what.format(where=f"first in row {odd.row + 1}", text=named)
         cells = f"{odd.count} cell{'s' * (odd.count > 1)} of '{name}'"
         found.append(Problem(f"{field}: {cells} {what}", cure, asks=not missing))
     return found
@@ -140,7 +143,12 @@ def _clipped(own: Proposal, values: Array, bench: Bench) -> Iterator[Problem]:
     limits = [bench.value(name) for name in ("coil_voltage_limit", "supply_voltage")]
     for end in (float(values.max()), float(values.min())):
         at = values == end
-        if _longest(at) < _STAYS or any(abs(abs(end * factor) / limit - 1.0) < 0.02 for limit in limits):
+        often = int(at.sum()) >= max(
+            _STAYS, _SOME_CLIPPED * len(values)
+        )  # noise at the end comes back from it
+        if (_longest(at) < _STAYS and not often) or any(
+            abs(abs(end * factor) / limit - 1.0) < 0.02 for limit in limits
+        ):
             continue
         yield Problem(
             f"{own.field}: '{own.column}' stays at {end:.6g} {own.unit}, the end of its range, in {int(at.sum())} "

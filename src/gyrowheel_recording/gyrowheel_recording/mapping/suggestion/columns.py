@@ -69,7 +69,7 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
         _time_by_values(grid, names, taken, found, bench)
     for name in [own for own in every if own not in names]:
         problems += _unread(grid.columns[name], every[name], found)
-    problems += _rivals(claims, found, taken)
+    problems += _rivals(claims, found, taken, grid, bench)
     if inputs and not {"tilt_x", "tilt_y"} <= found.keys():
         first, last = inputs[0], inputs[-1]
         problems.append(
@@ -166,9 +166,16 @@ def _unread(column: Column, what: Meaning, found: Mapping[str, Proposal]) -> lis
 
 
 def _rivals(
-    claims: Sequence[tuple[float, int, str, str]], found: Mapping[str, Proposal], taken: Collection[str]
+    claims: Sequence[tuple[float, int, str, str]],
+    found: Mapping[str, Proposal],
+    taken: Collection[str],
+    grid: Grid,
+    bench: Bench,
 ) -> list[Problem]:
-    """Return the readings for which several columns are named alike, of which the first is taken."""
+    """Return the readings for which several columns are named alike, of which the first is taken.
+
+    A column without a unit whose values would be unusual in all units, where those of the first are not, is no rival.
+    """
     scores = {(name, own): score for score, _, name, own in claims}
     problems = []
     for own, proposal in found.items():
@@ -180,6 +187,8 @@ def _rivals(
             for (name, field), score in scores.items()
             if field == own and name not in taken and score <= best
         ]
+        if own in READINGS and _usual(proposal.column, own, grid, bench):
+            others = [name for name in others if _usual(name, own, grid, bench)]
         if others:
             reading = READINGS.get(own)
             problems.append(
@@ -191,6 +200,15 @@ def _rivals(
                 )
             )
     return problems
+
+
+def _usual(name: str, own: str, grid: Grid, bench: Bench) -> bool:
+    """Whether the values of a column are usual for a reading, in the stated unit or in any."""
+    column = grid.columns[name]
+    values = np.asarray(column.values, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    stated = meaning_of(name, column.unit).unit
+    return own == "spin_angle" or bool(stated) or (len(values) > 1 and bool(guess_unit(own, values, bench)))
 
 
 def _usable(column: Column, what: Meaning) -> bool:
