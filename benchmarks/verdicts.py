@@ -71,6 +71,7 @@ LAWS = {
 }
 #: Most similar effects, among which a wrong one is drawn.
 ALIKE = {"wrong": 6, "two": 3}
+_SAME = 1e-3  # times the noise, of what one law leaves of another
 _STEPS_OF_TIME = 4.0  # ratio of the time constants that together give 1/f
 _TIMES = 1e-2 * _STEPS_OF_TIME ** np.arange(9.0)  # s
 
@@ -195,6 +196,10 @@ def answered(kind: Kind, case: Case, folder: Path) -> dict[str, Any] | None:
         return None  # a bench of its own, not an effect of the model
     if kind in ("wrong", "two"):
         wrong = wrong_law(case, secret, measure, ALIKE[kind])
+    if kind == "two":
+        ((hidden, values),) = secret.truth.items()
+        if max(measure.left(hidden, values, wrong, secret.drift).values()) < _SAME:
+            return None  # the same law in another form
     if kind == "wrong":
         larger = noticeable(case, secret, wrong, measure)
         if larger is None:
