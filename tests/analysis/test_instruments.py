@@ -123,6 +123,7 @@ def test_early_voltage_readings_are_found_as_a_delay_not_an_inductance(plain: Re
     assert abs(delay.value + BENCH.sample_period) < 4.0 * delay.standard_error
 
 
+@pytest.mark.study  # each is found alone above
 @pytest.mark.slow
 def test_an_effect_and_an_instrument_are_both_found(tmp_path: Path) -> None:
     truth = {"aero_cross": physical()["aero_cross"].defaults(), "tilt_delay": {"d": -2.5e-4}}

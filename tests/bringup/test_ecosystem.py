@@ -207,6 +207,7 @@ def test_launch_refuses_before_anything_starts(
     ] == [exe for _, exe in EXECUTABLES.values()]
 
 
+@pytest.mark.study  # test_graph.py runs the same nodes
 @pytest.mark.graph
 def test_the_client_of_a_launch_walks_a_plan_and_ends_with_it(domain: int, tmp_path: Path) -> None:
     plan = tmp_path / "plan.yaml"

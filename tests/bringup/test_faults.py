@@ -307,6 +307,7 @@ def test_a_command_that_is_not_finite_ends_lock_step(tmp_path: Path, watched: Wa
     assert "command for sample 1499" in str(error)
 
 
+@pytest.mark.study  # a command that is not finite ends it, too
 def test_a_command_that_does_not_come_ends_lock_step(tmp_path: Path, watched: Watched):
     error = fails(
         lambda count, raw: [] if count == 1500 else [raw],

@@ -208,6 +208,7 @@ def test_verbs_and_pages_touch_no_file_that_was_not_named(
     assert _touched(traced, bait) == set()
 
 
+@pytest.mark.study  # the verbs above begin in the same way
 @pytest.mark.slow
 @pytest.mark.graph
 def test_nodes_touch_no_file_that_was_not_named(bait: Path) -> None:

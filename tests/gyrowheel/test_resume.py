@@ -269,6 +269,7 @@ main()
 """
 
 
+@pytest.mark.study  # kills and interruptions are tested one by one above and below
 @pytest.mark.slow
 def test_ctrl_c_and_kills_end_the_workers_and_the_printed_command_resumes(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

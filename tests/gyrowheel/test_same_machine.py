@@ -80,9 +80,7 @@ def test_mix_of_machines_is_refused_unless_asked_for(gyrowheel: Shell, machines:
     for command in (
         ("compare", one, other, "--model", model),
         ("diagnose", one, "--validate", other, "--model", model),
-        ("calibrate", one, other, "--model", model),
         ("rate", one, other, "--model", model),
-        ("drag", one, other, "--model", model),
         ("torques", one, other, "--model", model),
         ("model", "add", "windage", "--fit", one, "--validate", other, "--model", model),
     ):
