@@ -215,6 +215,22 @@ def test_coverage_and_properties_of_readings_are_on_the_page(made: gw.Report) ->
     assert "not measured: air_pressure: that of the bench" in said
 
 
+@pytest.mark.study  # test_the_verb_writes_a_page_or_markdown has the other formats
+def test_a_report_is_printed_by_a_browser(made: gw.Report, tmp_path: Path) -> None:
+    if api.browser() is None:
+        with pytest.raises(gw.InputError, match="needs Chromium"):
+            made.save(tmp_path / "drag.pdf")
+    else:
+        made.save(tmp_path / "drag.pdf")
+        assert (tmp_path / "drag.pdf").read_bytes().startswith(b"%PDF")
+        assert (tmp_path / "drag.pdf").stat().st_size < 5e6
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(api, "browser", lambda: "/bin/false")
+            with pytest.raises(gw.InputError, match="printed nothing"):
+                made.save(tmp_path / "drag.pdf")
+        assert _is_report(tmp_path / "drag.pdf")  # as it was
+
+
 def test_the_verb_writes_a_page_or_markdown(
     gyrowheel: Shell, wheel: Wheel, made: gw.Report, page: Page, tmp_path: Path
 ) -> None:
@@ -229,18 +245,6 @@ def test_the_verb_writes_a_page_or_markdown(
     text = (tmp_path / "drag.md").read_text(encoding="utf-8")
     assert f"# {made.diagnosis.sentence}" in text
     assert all(own["sha256"] in text for r in made.to_dict()["recordings"] for own in r["files"])
-    if api.browser() is None:
-        with pytest.raises(gw.InputError, match="needs Chromium"):
-            made.save(tmp_path / "drag.pdf")
-    else:
-        made.save(tmp_path / "drag.pdf")
-        assert (tmp_path / "drag.pdf").read_bytes().startswith(b"%PDF")
-        assert (tmp_path / "drag.pdf").stat().st_size < 5e6
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(api, "browser", lambda: "/bin/false")
-            with pytest.raises(gw.InputError, match="printed nothing"):
-                made.save(tmp_path / "drag.pdf")
-        assert _is_report(tmp_path / "drag.pdf")  # as it was
     other = write(tmp_path / "mine.html", "<p>mine</p>")
     for name, words in (
         (other, "exists and is not an earlier report"),
