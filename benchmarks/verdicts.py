@@ -77,7 +77,7 @@ _TIMES = 1e-2 * _STEPS_OF_TIME ** np.arange(9.0)  # s
 
 
 def wrong_law(case: Case, secret: Secret, measure: Yardstick, alike: int) -> str | Effect:
-    """Return a law that is none of the hidden one: one of the effects that are most `alike`, or one written down."""
+    """Return a wrong law: one of the `alike` effects most similar to the hidden one, or one of `LAWS`."""
     rng = np.random.default_rng([case.campaign.seed, case.index, 0x77726F6E])
     ((name, values),) = secret.truth.items()
     if rng.uniform() < 0.5:
@@ -166,7 +166,7 @@ def _explained_once() -> Iterator[None]:
         yield
 
 
-def _said(added: Added) -> dict[str, Any]:
+def _checked(added: Added) -> dict[str, Any]:
     proof, table = added.proof, added.error
     rows = [row for row in (table.after, table.validation_after) if row is not None]
     floors = {
@@ -193,7 +193,7 @@ def answered(kind: Kind, case: Case, folder: Path) -> dict[str, Any] | None:
     secret = hide(case, measure)
     wrong: str | Effect = ""
     if kind == "two" and {*secret.truth} & {*ERRORS}:
-        return None  # a bench of its own, not an effect of the model
+        return None  # a wrong parameter of the bench, not an effect
     if kind in ("wrong", "two"):
         wrong = wrong_law(case, secret, measure, ALIKE[kind])
     if kind == "two":
@@ -231,11 +231,11 @@ def answered(kind: Kind, case: Case, folder: Path) -> dict[str, Any] | None:
     (name,) = secret.truth
     right = [name]
     if kind == "right":
-        return result | _said(add_effect(Model(bench), right, fit, unused))
+        return result | _checked(add_effect(Model(bench), right, fit, unused))
     result["wrong"] = wrong if isinstance(wrong, str) else str(wrong.laws[0].expression)
     if kind == "wrong":
         with _explained_once():
-            laws = [_said(add_effect(Model(bench), [law], fit, unused)) for law in (wrong, name)]
+            laws = [_checked(add_effect(Model(bench), [law], fit, unused)) for law in (wrong, name)]
         return result | laws[0] | {"right": laws[1]}
     models = [add_effect(Model(bench), [law], fit).model for law in (name, wrong)]
     turned = case.index % 2 == 1

@@ -101,7 +101,7 @@ def test_a_size_biased_by_another_effect_gives_a_warning(recordings: dict[str, R
     assert "moved" not in [doubt.kind for doubt in fine.doubts]
 
 
-@pytest.mark.study  # one law more
+@pytest.mark.study  # test_support.py has a law that predicts worse
 @pytest.mark.slow
 def test_a_formula_that_explains_nothing_does_not_raise_the_noise(recordings: dict[str, Recording]) -> None:
     useless = effect_from_text("stator_pull: torque = -k*r*z; k [N*m/rad]")

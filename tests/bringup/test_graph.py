@@ -64,7 +64,7 @@ def test_five_processes_run_the_plan_and_end(session: Session):
     assert [p.elapsed for p in session.progress] == sorted(p.elapsed for p in session.progress)
 
 
-@pytest.mark.study  # it concerns speed alone
+@pytest.mark.study  # of speed alone
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="no control of the cores")
 def test_the_nodes_of_the_loop_share_a_core_and_leave_the_others_alone():
     allowed = os.sched_getaffinity(0)

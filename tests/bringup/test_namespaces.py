@@ -119,10 +119,10 @@ def _joined(recordings: list[Path], target: Path) -> Path:
     ],
     ids=("alone", "brief", "pair"),
 )
-def test_a_bench_in_a_namespace_is_one_of_several_in_its_domain(
+def test_benches_in_namespaces_are_recorded_under_their_own_names(
     text: str, shared: bool, domain: int, bystander: Bystander, tmp_path: Path
 ) -> None:
-    """Next to a bench without a namespace where it is `shared`."""
+    """One in a namespace; where the domain is `shared`, next to one without."""
     plan = tmp_path / "plan.yaml"
     plan.write_text(text, encoding="utf-8")
     one, two = tmp_path / "one", tmp_path / "two"

@@ -71,7 +71,6 @@ class Intruder(Bystander):
             self.executor.spin_once(timeout_sec=0.02)
 
 
-@pytest.mark.study  # test_recorder_node.py has publishers that are not named
 def test_a_stranger_that_comes_later_and_leaves_is_told_to_everyone(domain: int, tmp_path: Path) -> None:
     troubles: list[tuple[str, str]] = []
 

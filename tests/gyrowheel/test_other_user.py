@@ -92,7 +92,7 @@ def place() -> Iterator[_Place]:
         yield _Place(Path(name))
 
 
-@pytest.mark.study  # few machines differ in this
+@pytest.mark.study  # of installations that seldom differ
 @pytest.mark.slow
 def test_verbs_work_for_a_user_with_one_writable_folder(place: _Place) -> None:
     (place.own / "plan.yaml").write_text(DRAG_PLAN)

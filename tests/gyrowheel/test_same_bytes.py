@@ -18,7 +18,7 @@ segments:
 """
 
 
-@pytest.mark.study  # it concerns machines, which differ seldom
+@pytest.mark.study  # of computers that seldom differ
 @pytest.mark.slow
 def test_same_bytes_on_any_number_of_cores(tmp_path: Path) -> None:
     """Neither the threads of linear algebra nor the cores of the process leave a trace in the file."""

@@ -146,7 +146,7 @@ def test_nutation_frequency_in_simulation():
     assert frequency == pytest.approx(97.8, abs=0.15)
 
 
-@pytest.mark.study  # it concerns a default that seldom changes
+@pytest.mark.study  # of a default that seldom changes
 @pytest.mark.slow
 def test_one_step_per_sample_causes_no_false_torque():
     """Less than 1e-6 N m of false torque at 5 deg and 3500 rpm; a step sixteen times finer is the truth.

@@ -42,7 +42,7 @@ def _run(cache: Path) -> tuple[str, int]:
 @pytest.mark.slow
 @pytest.mark.parametrize("rounds", [1, pytest.param(4, marks=pytest.mark.study)])
 def test_damaged_code_is_compiled_again(rounds: int, tmp_path: Path) -> None:
-    """Machine code comes from the cache once it is there; damaged, exchanged or missing, it is compiled anew."""
+    """Machine code comes from the cache once it is there; damaged, exchanged or missing, it is compiled again."""
     folder = tmp_path / "cache"
     fresh, hits = _run(folder)
     assert hits == 0
@@ -65,6 +65,6 @@ def test_damaged_code_is_compiled_again(rounds: int, tmp_path: Path) -> None:
             place.write_bytes(damaged)
         before = [place.read_bytes() for place in entries]
         assert _run(folder) == (fresh, 0), round_
-        # what was damaged was written anew, too
+        # what was damaged was written again, too
         assert all(place.read_bytes() != wrong for place, wrong in zip(entries, before, strict=True)), round_
     assert _run(folder) == (fresh, 1)

@@ -164,11 +164,8 @@ class Yardstick:
         """Return what another law leaves of the response of an effect, by channel [times the noise, RMS]."""
         term = Term(other.name, other) if isinstance(other, Effect) else self._term(other)
         columns = self._problem.term_jacobian(term, self._problem.unknowns.stated(), term.amplitudes)
-        response = self._left(np.column_stack([columns, self._response(name, values)]), drift)
-        size = np.linalg.norm(response[:, :-1], axis=0)
-        own = response[:, :-1] / np.where(size > 0.0, size, 1.0)
-        solution, *_ = np.linalg.lstsq(own, response[:, -1], rcond=1e-9)
-        rest = response[:, -1] - own @ solution
+        left = self._left(np.column_stack([columns, self._response(name, values)]), drift)
+        rest = _unexplained(left[:, -1], left[:, :-1])
         return {
             channel: math.sqrt(float(np.mean(rest[rows] ** 2)))
             for channel, rows in places_of(self._problem.balances).items()
@@ -226,14 +223,20 @@ class Yardstick:
         return rest - basis @ (basis.T @ rest)
 
 
-def _apart(response: Array, others: Array) -> float:
-    """Return the chi-squared of a response that other columns cannot explain."""
+def _unexplained(response: Array, others: Array) -> Array:
+    """Return the part of a response that other columns cannot explain."""
     size = np.linalg.norm(others, axis=0)
     others = others[:, size > 1.0e-9 * max(size.max(initial=0.0), 1e-300)]
     if others.shape[1]:
         solution, *_ = np.linalg.lstsq(others / np.linalg.norm(others, axis=0), response, rcond=1e-9)
         response = response - (others / np.linalg.norm(others, axis=0)) @ solution
-    return float(response @ response)
+    return response
+
+
+def _apart(response: Array, others: Array) -> float:
+    """Return the chi-squared of a response that other columns cannot explain."""
+    rest = _unexplained(response, others)
+    return float(rest @ rest)
 
 
 _made: dict[tuple[str, str], Yardstick] = {}

@@ -205,10 +205,10 @@ def left_out_by_channel(problem: Problem, fit: Fit) -> list[Unseen]:
 
 
 def _without_gain(proof: Proof, gain: float, expected: float) -> Proof:
-    """Return a proof by a prediction that the findings do not make better.
+    """Return the proof where the findings do not improve the prediction.
 
-    `expected` is the decrease of chi-squared that they predict. Where chance makes that as small as it is, the
-    recordings test nothing: the model is neither confirmed nor refuted.
+    They decrease chi-squared by `gain`, where they predict a decrease by `expected`. If chance explains the difference,
+    the recordings test nothing: the model is neither confirmed nor refuted.
     """
     short = expected - gain > 2.0 * CHI2_RANGE * math.sqrt(expected)
     return replace(proof, proven=False if short else None, reason="no_gain")

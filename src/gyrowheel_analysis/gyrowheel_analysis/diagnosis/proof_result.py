@@ -62,15 +62,15 @@ class Proof:
     recording : str
         Predicted recordings: those for validation, or those of which parts were left out.
     proven : bool or None
-        None where no prediction could be tried, or none could tell.
+        None where no prediction could be made, or none tests the findings.
     reason : str
         ``predicted``: within noise and the uncertainty of the prediction. ``unfixed``: within it only because the fit
         does not determine `causes`. ``event``: within it except for an event there. ``differs``: the unknown in
         `causes` would need another value there. ``resembles``: fit and prediction together look like the term in
         `causes`. ``misfit``: none of these. ``channel``: all rows together are predicted, but those of `channel` are
         not, or do not fit. ``dependence``: what is left of `channel` depends on the variable in `causes`.
-        ``no_gain``: the prediction without the findings is as good; `proven` is None where the findings themselves
-        predict no more than chance hides.
+        ``no_gain``: the prediction without the findings is as good; `proven` is None where the findings
+        predict a difference that is smaller than chance.
         ``not_tried``: no part could be left out. ``map``: a map was fitted to all recordings.
     left_out : str
         Kind of the parts left out in turn: ``recording``, ``speed``, ``azimuth``, ``time``; empty for a validation.

@@ -51,7 +51,7 @@ _BY_SHAPE = 0.5
 #: Square of a drift's scale from which on the drift may conceal a missing effect.
 _COVERING = 2.0
 _TRIED = 8
-_FIRST_STEPS = 3  # of a fit, after which a form without promise is left
+_FIRST_STEPS = 3  # of a fit, after which an unpromising form is dropped
 _TRIED_OF_A_KIND = 2
 
 _EXPONENT = 1.0  # prior deviation of an exponent
@@ -241,6 +241,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
             if _hopeless(problem, selection.best, start, gain):
                 continue
             fit = problem.fit((*start.terms, term), start, iterations=_FIRST_STEPS)
+            # some forms converge slowly, and most of them gain too little
             if _covered(problem) < _COVERING and start.chi2 - fit.chi2 < needed * _BY_SHAPE:
                 continue
             fit = problem.fit(fit.terms, fit)

@@ -14,7 +14,7 @@ from gyrowheel_analysis.reduction.samples import Samples
 _BLOCK = 500  # samples with a scale of their own
 _BLOCKS_OF_WINDOW = 16
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 8, 256  # samples; the latter as in the noise of a recording
-_FEWEST_OF_WINDOW = 3  # outliers of a window: one reading makes three second differences
+_FEWEST_OF_WINDOW = 3  # outliers of a window: a single reading changes three second differences
 _SAME_RUN = 20  # samples; outliers that are closer belong together
 _MEDIAN_OF_GAUSSIAN = 0.6745  # of the absolute value, in standard deviations
 #: Readings that show the noise of a channel. Voltages are left out: they answer the noise of tilt and speed.
@@ -68,11 +68,11 @@ def _far(values: NDArray[np.float64], even: NDArray[np.bool_], turning: bool) ->
     return far, len(second)
 
 
-def excess(left: NDArray[Any]) -> float:
-    """Return by what outliers raise the mean square of the noise in a window; 1 without them.
+def noise_excess(left: NDArray[Any]) -> float:
+    """Return the factor by which outliers raise the mean square of the noise in a window; 1 without outliers.
 
-    `left` (n,) are its readings without the motion. The noise of a recording is the median of many blocks, which leaves
-    bursts out: the factor is the mean of the blocks of the window over their median.
+    `left` (n,) are the readings of the window without the motion. The noise of a recording is the median over many
+    blocks, which excludes bursts: the factor is the mean over the blocks of the window divided by their median.
     """
     second = np.diff(left, 2)
     parts = (second.real, second.imag) if np.iscomplexobj(second) else (second,)

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -215,22 +214,22 @@ def _quantised(values: Array) -> bool:
 
 
 def despiked(
-    readings: Any, design: Array, gram: Array, commanded: Mapping[int, Any] = MappingProxyType({})
+    readings: Any, design: Array, gram: Array, commanded: Mapping[int, Any] | None = None
 ) -> tuple[Any, Any, Any]:
     """Fit columns of readings (n, columns), real or complex, robustly against spikes.
 
     `design` (n, terms) has the terms that are fitted to each column, `gram` is the inverse of ``design.T @ design``.
-    A reading that agrees with what was `commanded` (n,), by column, is none: it answers noise that another one shows.
-    Returns the readings with each isolated spike replaced by the value of the fit to all others, the coefficients
-    (columns, terms), and the residuals (n, columns).
+    `commanded` are the commands (n,) of some columns, by number: a reading that follows its command is no spike, but
+    the response of the loop to noise in another reading. Returns the readings with each isolated spike replaced by the
+    value of the fit to all others, the coefficients (columns, terms), and the residuals (n, columns).
     """
     pseudo, as_read = gram @ design.T, readings
     fit, left = _fitted(readings, design, pseudo)
     found = np.zeros(readings.shape, dtype=bool)
     crowd = found.copy()
-    for answering, command in commanded.items():
-        size, off = np.abs(left[:, answering]), np.abs(readings[:, answering] - command)
-        crowd[:, answering] = (size > OUTLIER * _scale(left)[answering]) & (off < 0.5 * size)
+    for k, command in (commanded or {}).items():
+        size, off = np.abs(left[:, k]), np.abs(readings[:, k] - command)
+        crowd[:, k] = (size > OUTLIER * _scale(left)[k]) & (off < 0.5 * size)
     # a spike pulls the fit and hides smaller spikes until it is removed
     for _ in range(_SPIKE_ROUNDS):
         more = _spikes(left) & ~found & ~crowd

@@ -17,7 +17,7 @@ from gyrowheel_analysis.criteria import (
     UNSETTLED_TILT,
 )
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
-from gyrowheel_analysis.reduction.outliers import excess
+from gyrowheel_analysis.reduction.outliers import noise_excess
 from gyrowheel_analysis.reduction.quality import READING_NOISES, SLOW, despiked, without_spikes
 from gyrowheel_analysis.reduction.samples import Array, Samples, unseen_noise
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
@@ -128,7 +128,7 @@ def fit_window(
     if not unsettled and tail > FURTHER_TERMS:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
         unsettled = beyond > 2.0 * TOO_FEW_TERMS * tilt_noise**2
-    noise = noise * _outlying(left, beside[:, 0])
+    noise = noise * _outlier_factors(left, beside[:, 0])
     tilt_noise, angle_noise = (
         noise[READING_NOISES.index(name)] for name in ("tilt_noise", "spin_angle_noise")
     )
@@ -187,8 +187,8 @@ def fit_window(
     }
 
 
-def _outlying(left: Any, turned: Array) -> Array:
-    """Return the factors by which outliers raise the noise of a window over that of the recording, (6,).
+def _outlier_factors(left: Any, turned: Array) -> Array:
+    """Return the ratios (6,) of the noise of a window, outliers included, to that of the recording.
 
     `left` (n, 5) are the readings without the motion, `turned` (n,) is the angle without it.
     """
@@ -200,7 +200,7 @@ def _outlying(left: Any, turned: Array) -> Array:
         "motor_voltage_noise": left[:, _MOTOR].real,
         "motor_current_noise": left[:, _CURRENT].real,
     }
-    return np.sqrt([excess(shown[name]) for name in READING_NOISES])
+    return np.sqrt([noise_excess(shown[name]) for name in READING_NOISES])
 
 
 def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, float, float]:
