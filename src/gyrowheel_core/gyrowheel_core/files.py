@@ -79,7 +79,7 @@ def new_directory(directory: Path) -> Iterator[Path]:
         place = workplace / target.name
         try:
             yield place
-        except InputError as error:  # by whoever writes, who knows the temporary place alone
+        except InputError as error:  # it names the temporary place
             raise InputError(str(error).replace(str(place), str(directory))) from None
         with disk_errors(target):
             if target.exists():

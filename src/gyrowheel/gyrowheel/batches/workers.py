@@ -97,7 +97,7 @@ def _in_processes(
             yield results
         finally:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # that results are not used: an error, or the user, ends this
+                warnings.simplefilter("ignore")  # about unused results: an error or the user has ended the work
                 results.close()
 
 

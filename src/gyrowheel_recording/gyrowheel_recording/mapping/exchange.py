@@ -217,9 +217,8 @@ def _check_spin(table: Table, readings: NDArray[Any], time: NDArray[np.float64])
     # the angle does not show the number of turns in a gap
     known = (np.diff(readings["sequence"].astype(np.int64)) == 1) & np.isfinite(turns) & np.isfinite(means)
     held = rows_a_value(readings["spin_angle"].astype(np.float64), readings["sequence"].astype(np.int64))
-    known &= (
-        np.abs(means) * passed * held < _TURNS
-    )  # one that is held over too many rows is questioned as that
+    # an angle that is held over too many rows is reported as held
+    known &= np.abs(means) * passed * held < _TURNS
     turned, expected = float(np.sum(turns[known])), float(np.sum((means * passed)[known]))
     # noise and the ends of the range make less than a tenth of a turn
     if abs(turned - expected) > max(0.02 * abs(expected), 0.2 * math.pi):

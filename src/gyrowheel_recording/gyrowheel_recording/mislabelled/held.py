@@ -33,11 +33,11 @@ _MOST: Final = 400  # rows
 _PAUSES: Final = 4.0  # usual lengths; longer stretches without a change are those of something at rest
 _WHOLE: Final = 0.02  # of a row
 _SAME_PERIOD: Final = 0.05  # part
-#: Changes in a piece, and by how much their rows scatter about even ones: by 0.3 rows if they are rounded from such,
-#: by a walk of 1.5 times their distance in 64 if they come by chance.
+#: Changes in a piece, and the scatter of their rows about even ones [distances]: 0.3 rows where these are rounded; a
+#: random walk, 1.5 distances in 64, where changes come by chance.
 _PIECE, _OFF = 64, 0.45
-#: Steps of a coarse reading: smaller ones in usual changes do not matter; changes of so many steps are looked at; by
-#: how much they scatter about whole steps, and part of them that does.
+#: Steps of a coarse reading: changes below this part of a usual one are ignored; most steps in a change that is used;
+#: scatter about whole steps [steps], and the part of the changes that is within it.
 _FINE, _MANY, _SCATTER, _MOSTLY = 0.05, 12.0, 0.2, 0.95
 _SOME_NEW: Final = 0.9  # part of the rows taken in which every held reading is new
 #: Readings that follow from others, and these.
@@ -95,7 +95,7 @@ def _coarse_step(sizes: Array, usual: float, new: Array) -> float:
 def _even_distance(places: NDArray[np.int64], rows: float) -> float:
     """Return the distance of rows with new values; 1 where they do not come evenly.
 
-    Where a coarse reading repeats by chance, the distances add up at random. `rows` is about the distance.
+    Where a coarse reading repeats by chance, the distances add up at random. `rows` is a first estimate.
     """
     steps = np.diff(places).astype(np.float64)
     count = min(_PIECE, len(steps))
@@ -207,7 +207,7 @@ def _cure(
     every = max(rest.values())
     every = round(every) if abs(every - round(every)) < _WHOLE else round(every, 2)
     fastest = float(np.nanmax(np.abs(readings.spin_rate), initial=0.0))
-    # of fewer rows the angle is not known, and what turns with the rotor may look like what stands
+    # with fewer rows the angle is ambiguous, and what turns with the rotor may be taken for what stands still
     if every * float(np.median(np.diff(time))) * fastest < _SLOWEST:
         taken = new_rows({name: readings[name] for name in rest}, numbers, every)
         if all(_new(readings[name], taken) for name in rest):

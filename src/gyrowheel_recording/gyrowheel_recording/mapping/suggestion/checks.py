@@ -143,9 +143,8 @@ def _clipped(own: Proposal, values: Array, bench: Bench) -> Iterator[Problem]:
     limits = [bench.value(name) for name in ("coil_voltage_limit", "supply_voltage")]
     for end in (float(values.max()), float(values.min())):
         at = values == end
-        often = int(at.sum()) >= max(
-            _STAYS, _SOME_CLIPPED * len(values)
-        )  # noise at the end comes back from it
+        # a noisy reading does not stay at the end of its range
+        often = int(at.sum()) >= max(_STAYS, _SOME_CLIPPED * len(values))
         if (_longest(at) < _STAYS and not often) or any(
             abs(abs(end * factor) / limit - 1.0) < 0.02 for limit in limits
         ):
