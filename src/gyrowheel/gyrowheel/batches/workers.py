@@ -97,7 +97,9 @@ def _in_processes(
             yield results
         finally:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # about unused results: an error or the user has ended the work
+                warnings.simplefilter(
+                    "ignore"
+                )  # about unused results: an error or the user has ended the work
                 results.close()
 
 
