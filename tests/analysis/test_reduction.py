@@ -176,6 +176,37 @@ def test_a_burst_of_noise_counts_in_its_window_alone(samples: Samples, windows: 
         assert np.delete(factor, hit) == pytest.approx(1.0, abs=0.05)
 
 
+def test_a_burst_counts_more_in_a_change_at_the_end_of_a_window(samples: Samples, windows: Windows) -> None:
+    rng = np.random.default_rng(5)
+    hit, length = 3, 60
+    begin, end = np.searchsorted(samples.time, windows.start[hit] + np.array([0.0, windows.duration[hit]]))
+    raised = []
+    for place in ((begin + end - length) // 2, end - length):
+        readings = samples.readings.copy()
+        for reading in ("tilt_x", "tilt_y"):
+            readings[reading][place : place + length] += (
+                20.0 * BENCH.value("tilt_noise") * rng.standard_normal(length)
+            )
+        found = reduce(replace(samples, readings=readings), BENCH)
+        raised.append(found.tilt_rate_variance[hit] / windows.tilt_rate_variance[hit])
+    assert raised[1] > 3.0 * raised[0]
+
+
+def test_a_burst_that_fills_most_of_a_window_counts(samples: Samples, windows: Windows) -> None:
+    rng = np.random.default_rng(6)
+    hit = 3
+    begin, end = np.searchsorted(
+        samples.time, windows.start[hit] + np.array([0.1, 0.8]) * windows.duration[hit]
+    )
+    readings = samples.readings.copy()
+    readings["motor_current"][begin:end] += (
+        20.0 * BENCH.value("motor_current_noise") * rng.standard_normal(end - begin)
+    )
+    found = reduce(replace(samples, readings=readings), BENCH)
+    factor = (found.noise("motor_current_noise") / windows.noise("motor_current_noise"))[hit] ** 2
+    assert factor == pytest.approx(1.0 + 0.7 * 20.0**2, rel=0.3)
+
+
 def test_a_voltage_that_answers_noise_is_no_spike(samples: Samples, windows: Windows) -> None:
     assert samples.commanded is not None
     places = np.searchsorted(samples.time, windows.start[3]) + np.arange(100, 700, 40)

@@ -14,7 +14,9 @@ from gyrowheel_analysis.reduction.samples import Samples
 _BLOCK = 500  # samples with a scale of their own
 _BLOCKS_OF_WINDOW = 16
 _SMALLEST_BLOCK, _LARGEST_BLOCK = 8, 256  # samples; the latter as in the noise of a recording
-_FEWEST_OF_WINDOW = 3  # outliers of a window: a single reading changes three second differences
+_FEWEST_CLEAN = 3  # blocks
+_SECOND_OF_WHITE = 6.0  # mean square of second differences of white noise, over its own
+_FEWEST_OF_WINDOW = 3  # outliers of a window: one reading makes three second differences
 _SAME_RUN = 20  # samples; outliers that are closer belong together
 _MEDIAN_OF_GAUSSIAN = 0.6745  # of the absolute value, in standard deviations
 #: Readings that show the noise of a channel. Voltages are left out: they answer the noise of tilt and speed.
@@ -68,19 +70,26 @@ def _far(values: NDArray[np.float64], even: NDArray[np.bool_], turning: bool) ->
     return far, len(second)
 
 
-def noise_excess(left: NDArray[Any]) -> float:
-    """Return the factor by which outliers raise the mean square of the noise in a window; 1 without outliers.
+def noise_excess(left: NDArray[Any], noise: float) -> NDArray[np.float64]:
+    """Return the factors by which outliers raise the mean square of the noise at the samples of a window, (n,).
 
-    `left` (n,) are the readings of the window without the motion. The noise of a recording is the median over many
-    blocks, which excludes bursts: the factor is the mean over the blocks of the window divided by their median.
+    `left` (n,) are the readings of the window without the motion; `noise` is that of the recording, the median over
+    many blocks, which excludes bursts; zero where it is not known. Without outliers the factors are 1; else each is
+    that of a block over the median of all blocks, or over blocks without outliers where a burst reaches most of them.
     """
     second = np.diff(left, 2)
-    parts = (second.real, second.imag) if np.iscomplexobj(second) else (second,)
-    block = min(_LARGEST_BLOCK, len(second) // _BLOCKS_OF_WINDOW)
-    size = np.max([np.abs(part) for part in parts], axis=0)
-    scale = float(np.median(np.abs(parts))) / _MEDIAN_OF_GAUSSIAN
-    if block < _SMALLEST_BLOCK or np.sum(size > OUTLIER * scale) < _FEWEST_OF_WINDOW:
-        return 1.0
-    squares = np.abs(second[: len(second) // block * block].reshape(-1, block)) ** 2
-    levels = squares.mean(axis=1)
-    return max(float(levels.mean() / np.median(levels)), 1.0) if levels.any() else 1.0
+    parts = np.stack((second.real, second.imag)) if np.iscomplexobj(second) else second[None]
+    block = min(_LARGEST_BLOCK, parts.shape[1] // _BLOCKS_OF_WINDOW)
+    usual = _SECOND_OF_WHITE * noise**2 or np.inf
+    scale = min(float(np.median(np.abs(parts))) / _MEDIAN_OF_GAUSSIAN, np.sqrt(usual))
+    far = np.abs(parts).max(axis=0) > OUTLIER * scale
+    if block < _SMALLEST_BLOCK or np.sum(far) < _FEWEST_OF_WINDOW or scale == 0.0:
+        return np.ones(len(left))
+    whole = parts.shape[1] // block * block
+    levels = np.mean(parts[:, :whole] ** 2, axis=0).reshape(-1, block).mean(axis=1)
+    clean = levels[~far[:whole].reshape(-1, block).any(axis=1)]
+    if len(clean) >= _FEWEST_CLEAN:
+        usual = float(clean.mean())
+    factor = np.repeat(levels / min(usual, float(np.median(levels))), block)
+    factor = np.pad(factor, (1, len(left) - whole - 1), mode="edge")
+    return np.asarray(factor / min(float(factor.mean()), 1.0))

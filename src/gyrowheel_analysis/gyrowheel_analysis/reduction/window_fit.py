@@ -118,9 +118,10 @@ def fit_window(
     )
     tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
     tail = _more(x, design, gram, left[:, _TILT], degree) / (2.0 * tilt_noise**2)
+    turned_tail = _more(x, turning, turning_gram, beside[:, 0], smooth)
     unsettled = (
         tail > UNSETTLED_TILT
-        or _more(x, turning, turning_gram, beside[:, 0], smooth) > UNSETTLED_ANGLE * angle_noise**2
+        or turned_tail > UNSETTLED_ANGLE * angle_noise**2
         or np.mean(np.abs(left[:, _CURRENT]) ** 2) - 2.0 * abs(current_ripple) ** 2
         > (RESTLESS_CURRENT * current_noise) ** 2
         or _sharp(left[:, _TILT], tilt_noise)
@@ -128,13 +129,17 @@ def fit_window(
     if not unsettled and tail > FURTHER_TERMS:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
         unsettled = beyond > 2.0 * TOO_FEW_TERMS * tilt_noise**2
-    noise = noise * _outlier_factors(left, beside[:, 0])
-    tilt_noise, angle_noise = (
-        noise[READING_NOISES.index(name)] for name in ("tilt_noise", "spin_angle_noise")
-    )
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
+    outlying = _outlier_factors(left, beside[:, 0], noise)
+    if any(part.max() > 1.0 for part in outlying.values()):
+        # a burst at an end of the window has more weight in a change from end to end than in the mean
+        change_variance *= _weighed(RISE @ gram[:degree] @ design.T, outlying["tilt_noise"])
+        burst = _weighed(slope @ turning_gram[:smooth] @ turning.T, outlying["spin_angle_noise"])
+        # the loop answers bursts of the speed: the rest of the motion shows in what further terms explain
+        slope_variance *= max(burst, turned_tail / angle_noise**2)
+        noise = noise * np.sqrt([outlying[name].mean() for name in READING_NOISES])
     spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
     if data.summed and "spin_rate" not in data.absent:
         # the integral of the speed is a random walk by its noise: the polynomial is fitted to the speed itself
@@ -175,7 +180,13 @@ def fit_window(
         "harmonic_variance": len(time) * _wave_variance(gram[degree:, degree:], mean),
         "hum_variance": np.zeros((2, len(FORWARD))),
         "leakage_variance": _leakage(
-            design, gram, degree, left, (tilt_noise, noise[volts]), resistances(bench, speed), coil_held
+            design,
+            gram,
+            degree,
+            left,
+            (noise[READING_NOISES.index("tilt_noise")], noise[volts]),
+            resistances(bench, speed),
+            coil_held,
         ),
         "spin_ripple": spin_ripple,
         "current_ripple": current_ripple,
@@ -187,10 +198,11 @@ def fit_window(
     }
 
 
-def _outlier_factors(left: Any, turned: Array) -> Array:
-    """Return the ratios (6,) of the noise of a window, outliers included, to that of the recording.
+def _outlier_factors(left: Any, turned: Array, noise: Array) -> dict[str, Array]:
+    """Return the factors by which outliers raise the square of the `noise` of a recording, (n,) by its name.
 
-    `left` (n, 5) are the readings without the motion, `turned` (n,) is the angle without it.
+    `left` (n, 5) are the readings of a window without the motion, `turned` (n,) is the angle without it. The voltages
+    of the coils answer the noise of the tilt.
     """
     shown = {
         "tilt_noise": left[:, _TILT],
@@ -200,7 +212,15 @@ def _outlier_factors(left: Any, turned: Array) -> Array:
         "motor_voltage_noise": left[:, _MOTOR].real,
         "motor_current_noise": left[:, _CURRENT].real,
     }
-    return np.sqrt([noise_excess(shown[name]) for name in READING_NOISES])
+    return {
+        name: noise_excess(shown[name], 0.0 if name == "coil_voltage_noise" else own)
+        for name, own in zip(READING_NOISES, noise.tolist(), strict=True)
+    }
+
+
+def _weighed(row: Array, factor: Array) -> float:
+    """Return by what a combination `row` (n,) of samples is noisier whose noise is raised by a `factor` (n,)."""
+    return float(row**2 @ factor) / float(row @ row)
 
 
 def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, float, float]:
