@@ -229,6 +229,9 @@ def test_a_token_is_required_unless_the_address_is_loopback(
         ("add", {"what": "windage"}, "none is open to fit"),
         ("undo", {}, "nothing to undo"),
         ("redo", {}, "nothing to redo"),
+        ("use", {"key": "0/drag", "from": "1", "until": "2", "use": "fitted"}, "is not open"),
+        ("use", {"key": "0/drag", "from": "x", "until": "2", "use": "fitted"}, "from: 'x' is no number"),
+        ("use_all", {"key": "0/drag"}, "is not open"),
         ("add_all", {}, "nothing is diagnosed"),
         ("remove", {"what": "windage"}, "windage"),
         ("test", {"plan": "quick"}, "none is open to fit"),
@@ -372,7 +375,7 @@ def test_the_first_picture_shows_the_channel_and_the_variable_of_a_hidden_effect
     record_simulation(tmp_path / "runs", bench, hidden, plan)
     session = Session(Library([tmp_path]), gw.Model())
     session.steps = [Step(gw.Model(), gw.compare(tmp_path / "runs", gw.Model()))]
-    session.opened = {"0/runs": SimpleNamespace(key="0/runs", role=ROLES[0])}  # type: ignore[dict-item]
+    session.opened = {"0/runs": Opened("0/runs", gw.Recording.open(tmp_path / "runs"), ROLES[0], {}, {})}
     shown = windows.windows(session)
     assert shown is not None
     assert shown["worst"] in channels
@@ -380,6 +383,50 @@ def test_the_first_picture_shows_the_channel_and_the_variable_of_a_hidden_effect
     # what is drawn is what was found: the largest colours are in that channel
     chi2 = {name: np.mean(own["values"]) for name, own in shown["chi2"].items()}
     assert max(chi2, key=lambda name: chi2[name]) == shown["worst"]
+
+
+def test_ranges_are_fitted_predicted_or_left_out(compared: Session, wheel: Wheel) -> None:
+    """Results belong to the ranges that they were found with, and come back with them."""
+    whole, length = compared.step, gw.Recording.open(wheel.recording).duration
+    compared.use("0/drag", 12.0, length + 1.0, "not used to fit")
+    compared.use("0/drag", -1.0, 0.5, "left out")
+    compared.use("0/drag", 0.8, 1.0, "left out")
+    compared.use("0/drag", 0.5, 0.9, "left out")
+    compared.use("0/drag", 0.9, 1.0, "fitted")
+    path = str(wheel.recording.resolve())
+    assert [str(own.path) for own in compared.used("fitted")] == [f"{path}@from=0.9,until=12"]
+    assert [str(own.path) for own in compared.used("not used to fit")] == [f"{path}@from=12"]
+    state = views.state(compared)
+    assert [(own["from"], own["until"], own["use"]) for own in state["signals"][0]["uses"]] == [
+        (0.0, 0.9, "left out"), (0.9, 12.0, "fitted"), (12.0, pytest.approx(length), "not used to fit"),
+    ]  # fmt: skip
+    assert "0 … 0.9 s left out; 0.9 … 12 s fit" in state["parts"]["recordings"]
+    assert "not compared" in state["parts"]["verdict"]
+    assert pictures.found(compared)["windows"] is None
+    compared.compare()
+    compared.wait(240.0)
+    assert compared.trouble is None
+    shown = pictures.found(compared)["windows"]
+    assert set(shown["recording"]) == {"0/drag"}
+    assert min(shown["start"]) > 0.899  # within a sample
+    assert max(shown["start"]) < 12.0
+    for begin, end, use, words in (
+        (5.0, 4.0, "fitted", "range: 5 to 4 s is not allowed"),
+        (length + 1.0, length + 2.0, "fitted", "range"),
+        (np.nan, 4.0, "fitted", "range"),
+        (1.0, 4.0, "root", "use: 'root' is not allowed"),
+    ):
+        with pytest.raises(gw.InputError, match=words):
+            compared.use("0/drag", begin, end, use)  # type: ignore[arg-type]
+    while compared.step.ranges:
+        compared.undo()
+    assert compared.step is whole
+    compared.redo()
+    assert compared.step.ranges
+    compared.use_all("0/drag")
+    assert [own.path for own in compared.used("fitted")] == [wheel.recording.resolve()]
+    while compared.step is not whole:
+        compared.undo()
 
 
 def test_residuals_are_what_is_measured_less_what_is_predicted(compared: Session) -> None:
@@ -403,7 +450,7 @@ def test_residuals_are_what_is_measured_less_what_is_predicted(compared: Session
     assert max(spin["noise"]["power"]) > 10.0 * spin["noise"]["level"]
     assert spin["noise"]["white"][-1] > 3.0 * spin["noise"]["high"][-1]
     assert [row["before"] for row in rows.values()] == [None] * len(rows)
-    compared.steps.append(replace(compared.step, diagnosis=None))
+    compared.steps.append(replace(compared.step, model=gw.Model()))
     after = {row["title"]: row for row in pictures.found(compared)["residuals"]}
     assert after["spin"]["before"] == spin["residual"]
 
@@ -641,7 +688,7 @@ def test_all_findings_are_added_at_once_and_removed_one_by_one(
 def test_the_page_speaks_of_its_own_buttons_and_of_no_options_of_the_shell(compared: Session) -> None:
     for name in ("one", "two"):
         own: Any = SimpleNamespace(name=name, data=SimpleNamespace(machine=name))
-        compared.opened[name] = SimpleNamespace(recording=own, role=ROLES[0])  # type: ignore[assignment]
+        compared.opened[name] = Opened(name, own, ROLES[0], {}, {})
     with pytest.raises(gw.InputError, match=r"one is of machine one.*close those of one machine on the left"):
         compared.diagnose()
     for name in ("one", "two"):

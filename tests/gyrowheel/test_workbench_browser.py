@@ -125,6 +125,35 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         # the raw sample at the cursor, by keyboard
         first.keyboard.press(".")
         expect(first.locator("#readout")).to_contain_text("sample ")
+        # ranges: dragged, or typed; the page and the list say what each is for, and undo takes them back
+        press(first.locator("#range-mark"))
+        first.bring_to_front()  # a page at the back draws nothing, and takes no drag
+        ends = ["", ""]
+        for _ in range(50):  # the picture makes room for the fields first
+            box = first.locator("#plots").bounding_box()
+            for move, share in ((first.mouse.down, 0.4), (first.mouse.up, 0.6)):
+                first.mouse.move(box["x"] + share * box["width"], box["y"] + 0.3 * box["height"], steps=4)
+                move()
+            ends = [first.locator(f"#range-{end}").input_value() for end in ("from", "until")]
+            if ends[1]:
+                break
+        assert float(ends[0]) < float(ends[1])
+        first.locator("#range-from").fill("2")
+        first.locator("#range-until").fill("1")
+        press(first.locator("#range [value='left out']"))
+        expect(library("drag").locator(".ranges")).to_contain_text("1 … 2 s left out")  # in either order
+        expect(second.locator("#part-recordings .ranges")).to_contain_text("left out")
+        assert len(session.used("fitted")) == 2
+        first.locator("#plots").focus()
+        first.keyboard.press("]")  # ends one at the cursor
+        expect(first.locator("#range-until")).not_to_have_value("")
+        assert faults(first) == []
+        first.locator("#plots").focus()
+        first.keyboard.press("Escape")
+        expect(first.locator("#range-until")).to_have_value("")
+        press(enabled(first.locator("[data-do=undo]")))
+        expect(first.locator("#part-recordings .ranges")).to_have_count(0)
+        press(first.locator("#range-mark"))
         # where, and what is missing
         press(enabled(first.locator("#part-verdict button[data-do=diagnose]")))
         expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import shlex
 import shutil
 import tempfile
@@ -96,6 +97,22 @@ class Recording(Shown):
         place = Path(scratch.name) / name
         write(place)
         return cls.made(place, scratch)
+
+    def part(self, start: float = -math.inf, end: float = math.inf) -> Recording:
+        """Return a part of it, as the suffix ``@from=`` and ``@until=`` of a path selects; it shares its samples.
+
+        Parameters
+        ----------
+        start, end : float
+            Times from the start of the recording [s].
+
+        Raises
+        ------
+        InputError
+            If there is nothing of it between these times.
+        """
+        data = self.data.within(float(start), float(end))
+        return Recording(data.path, data, self._keep)
 
     @property
     def data(self) -> Data:

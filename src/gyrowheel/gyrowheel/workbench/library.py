@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +30,38 @@ _FRESH = 1.0  # s for which a listing of the folders stays valid
 #: Use of a recording.
 Role = Literal["fitted", "not used to fit"]
 ROLES: tuple[Role, ...] = ("fitted", "not used to fit")
+#: Use of a range of a recording.
+Use = Literal["fitted", "not used to fit", "left out"]
+USES: tuple[Use, ...] = (*ROLES, "left out")
+
+
+@dataclass(frozen=True)
+class Range:
+    """A range of a recording [s from its start] and its use."""
+
+    begin: float
+    end: float
+    use: Use
+
+
+def with_range(ranges: Sequence[Range], new: Range) -> tuple[Range, ...]:
+    """Return ranges in order of time with another one, which takes the place of what it covers."""
+    left = [
+        part
+        for own in ranges
+        for part in (
+            replace(own, end=min(own.end, new.begin)),
+            replace(own, begin=max(own.begin, new.end)),
+        )
+        if part.begin < part.end
+    ]
+    joined: list[Range] = []
+    for own in sorted([*left, new], key=lambda part: part.begin):
+        if joined and joined[-1].use == own.use and joined[-1].end == own.begin:
+            joined[-1] = replace(joined[-1], end=own.end)
+        else:
+            joined.append(own)
+    return tuple(joined)
 
 
 class Envelope:
@@ -106,6 +139,25 @@ class Opened:
     signals: Mapping[str, Envelope]
     setpoints: Mapping[str, Envelope]
     described: bool = False
+    parts: dict[Range, Recording] = field(default_factory=dict, compare=False)  # as they were cut
+
+    def uses(self, ranges: Sequence[Range] = ()) -> tuple[Range, ...]:
+        """Return the uses of the whole recording in order of time, with some ranges; the rest has its role."""
+        uses: tuple[Range, ...] = (Range(-math.inf, math.inf, self.role),)
+        for own in ranges:
+            uses = with_range(uses, own)
+        return uses
+
+    def of_use(self, use: Use, ranges: Sequence[Range]) -> list[Recording]:
+        """Return the parts of a use, each as a recording."""
+        found = []
+        for own in self.uses(ranges):
+            if own.use == use and own not in self.parts:
+                whole = own.begin == -math.inf and own.end == math.inf
+                self.parts[own] = self.recording if whole else self.recording.part(own.begin, own.end)
+            if own.use == use:
+                found.append(self.parts[own])
+        return found
 
     @classmethod
     def of(cls, key: str, recording: Recording, role: Role) -> Opened:

@@ -14,7 +14,7 @@ from gyrowheel.drag_comparison.picture import tilts
 from gyrowheel.show.figure import columns
 from gyrowheel.show.sentences.findings import event_sentence
 from gyrowheel.workbench import windows
-from gyrowheel.workbench.library import Envelope, Opened
+from gyrowheel.workbench.library import ROLES, Envelope, Opened
 from gyrowheel.workbench.residual import residuals
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.drag.agreement import agreement
@@ -150,7 +150,7 @@ def holds(session: Session) -> dict[str, Any]:
     the panels of the signals. ``before`` is the prediction of the previous model in this session, null without one.
     """
     step = session.step
-    before = session.steps[-2].holds if len(session.steps) > 1 else {}
+    before = {} if session.previous is None else session.previous.holds
     return {
         key: _holds(own, session.opened[key].recording.data.start_ns, before.get(key, ()), step.model.bench)
         for key, own in step.holds.items()
@@ -225,11 +225,13 @@ def events(session: Session) -> dict[str, list[dict[str, Any]]]:
     """Return the events of the recordings, by their keys: changes found, stops, missing samples."""
     marks: dict[str, list[dict[str, Any]]] = {}
     dated = () if session.step.diagnosis is None else session.step.diagnosis.events
+    parts = session.keyed(ROLES[0])
     for own in list(session.opened.values()):
+        names = {str(recording.path) for key, recording in parts if key == own.key}
         rows = [
             {"time": e.time, "end": e.end if e.end is not None else e.time, "said": event_sentence(e)}
             for e in dated
-            if e.recording == str(own.recording.path)
+            if e.recording in names
         ]
         integrity, samples = own.recording.integrity, own.recording.measurement
         rows += [
@@ -245,11 +247,12 @@ def events(session: Session) -> dict[str, list[dict[str, Any]]]:
 
 
 def fall(session: Session) -> list[dict[str, Any]]:
-    """Return the fall of the error in this session: χ²/N on fitted and validation recordings."""
+    """Return the fall of the error in this session, on its present ranges: χ²/N on fitted and validation data."""
     rows: list[dict[str, Any]] = []
+    model, ranges = None, session.step.ranges
     for step in list(session.steps):
-        added = step.model.added
-        if added is None:
+        before, model, added = model, step.model, step.model.added
+        if added is None or model is before or step.ranges != ranges:
             continue
         error, name = added.error, ", ".join(added.coefficients)
         if not rows:

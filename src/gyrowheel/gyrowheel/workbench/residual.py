@@ -32,7 +32,8 @@ def residuals(session: Session) -> list[dict[str, Any]]:
     found = session.step.comparison
     if found is None:
         return []
-    earlier = session.steps[-2].comparison if len(session.steps) > 1 else None
+    previous = session.previous
+    earlier = None if previous is None else previous.comparison
     if earlier is not None and not _same_windows(found, earlier):
         earlier = None
     rows = []

@@ -139,11 +139,14 @@ class _Guarded(RequestHandler):
 
     def number(self, name: str) -> float:
         """Return a number of the query."""
-        text = self.get_query_argument(name)
-        try:
-            return float(text)
-        except ValueError:
-            raise InputError(f"{name}: {text[:40]!r} is no number") from None
+        return _number(name, self.get_query_argument(name))
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{name}: {text[:40]!r} is no number") from None
 
 
 def _bytes(text: str) -> bytes:
@@ -345,6 +348,13 @@ class _Action(_Guarded):
         actions: dict[str, Callable[[], Any]] = {
             "open": lambda: session.open(given["key"], given["role"]),  # type: ignore[arg-type]
             "close": lambda: session.close(given["key"]),
+            "use": lambda: session.use(
+                given["key"],
+                _number("from", given["from"]),
+                _number("until", given["until"]),
+                given["use"],  # type: ignore[arg-type]
+            ),
+            "use_all": lambda: session.use_all(given["key"]),
             "compare": session.compare,
             "diagnose": session.diagnose,
             "add": lambda: session.add(given["what"]),

@@ -6,6 +6,7 @@ All browsers share one session: two pages show the same, and closing a page ends
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ from gyrowheel.report.api import Report
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
 from gyrowheel.workbench.jobs import Jobs, Work
-from gyrowheel.workbench.library import ROLES, Library, Opened, Role
+from gyrowheel.workbench.library import ROLES, USES, Library, Opened, Range, Role, Use, with_range
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import disk_errors, new_folder
@@ -51,6 +52,12 @@ class Step:
     #: Of the opened recordings, measured and predicted, by the key of the recording.
     holds: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
+    #: Ranges of opened recordings with a use of their own, by the key of the recording: those of the results.
+    ranges: Mapping[str, tuple[Range, ...]] = field(default_factory=dict)
+
+    def only(self, model: Model) -> Step:
+        """Return a model with the same ranges, and no results."""
+        return Step(model, ranges=self.ranges)
 
 
 def before(model: Model, kept: Model, file: Path | None) -> list[str]:
@@ -128,9 +135,25 @@ class Session(Jobs):
         """The latest model, and the results found with it."""
         return self.steps[-1]
 
-    def used(self, role: Role) -> list[Recording]:
-        """Return the opened recordings of a role."""
-        return [own.recording for own in list(self.opened.values()) if own.role == role]
+    @property
+    def previous(self) -> Step | None:
+        """The latest step with another model on the same ranges; None without one."""
+        now = self.step
+        earlier = (own for own in reversed(self.steps) if own.model is not now.model)
+        return next((own for own in earlier if own.ranges == now.ranges), None)
+
+    def used(self, use: Use) -> list[Recording]:
+        """Return the opened recordings of a use, and the parts of recordings."""
+        return [recording for _, recording in self.keyed(use)]
+
+    def keyed(self, use: Use) -> list[tuple[str, Recording]]:
+        """Return what `used` does, each with the key of its recording."""
+        ranges = self.step.ranges
+        return [
+            (own.key, part)
+            for own in list(self.opened.values())
+            for part in own.of_use(use, ranges.get(own.key, ()))
+        ]
 
     # --- work
 
@@ -155,7 +178,43 @@ class Session(Jobs):
         with self.lock:
             self.require_idle()
             if self.opened.pop(key, None) is not None:
-                self._restart()
+                self._restart(key)
+        self.changed()
+
+    def use(self, key: str, begin: float, end: float, use: Use) -> None:
+        """Set the use of a range of an open recording [s from its start]; results of other ranges are left behind."""
+        own = self.opened.get(key)
+        if own is None:
+            raise InputError(f"recording {key!r}: is not open")
+        if use not in USES:
+            raise InputError(f"use: {use!r} is not allowed; allowed: {', '.join(USES)}")
+        length = own.recording.duration
+        first, last = round(begin, 3), round(end, 3)  # which a command can repeat
+        if not (first < last and first < length and last > 0.0):
+            raise InputError(
+                f"range: {begin:g} to {end:g} s is not allowed; allowed: a later end than start, within 0 .. "
+                f"{length:.3f} s"
+            )
+        new = Range(first if first > 0.0 else -math.inf, last if last < length else math.inf, use)
+        self._set_ranges(own, with_range(own.uses(self.step.ranges.get(key, ())), new))
+
+    def use_all(self, key: str) -> None:
+        """Use all of an open recording again."""
+        own = self.opened.get(key)
+        if own is None:
+            raise InputError(f"recording {key!r}: is not open")
+        self._set_ranges(own, ())
+
+    def _set_ranges(self, own: Opened, ranges: Sequence[Range]) -> None:
+        others = {key: old for key, old in self.step.ranges.items() if key != own.key}
+        kept = tuple(each for each in ranges if each.use != own.role)
+        with self.lock:
+            self.require_idle()
+            now = others | ({own.key: kept} if kept else {})
+            if now == self.step.ranges:
+                return
+            self._go([*self.steps, Step(self.step.model, ranges=now)])
+            self.trouble, self.saved = None, ""
         self.changed()
 
     def compare(self) -> None:
@@ -184,7 +243,7 @@ class Session(Jobs):
         def work(at: Work) -> None:
             model = self.step.model.add(items, fit=fitted, validate=unused, progress=at.say)
             found = compare(fitted, model, progress=at.say)
-            step = Step(model, found, self._holds(model, at))
+            step = replace(self.step.only(model), comparison=found, holds=self._holds(model, at))
             at.change(lambda: self._go([*self.steps, step]))
 
         names = [item if isinstance(item, str) else item.name for item in items]
@@ -194,7 +253,7 @@ class Session(Jobs):
         """Remove an effect from the model; the other coefficients keep their values."""
         with self.lock:
             self.require_idle()
-            self._go([*self.steps, Step(self.step.model.remove(name))])
+            self._go([*self.steps, self.step.only(self.step.model.remove(name))])
             self.trouble, self.saved = None, ""
         self.changed()
 
@@ -360,7 +419,7 @@ class Session(Jobs):
         with self.lock:
             self.require_idle()
             last = self.step
-            self._keep(self.steps[:-1] if len(self.steps) > 1 else [Step(last.model.undo())])
+            self._keep(self.steps[:-1] if len(self.steps) > 1 else [last.only(last.model.undo())])
             self.undone.append(last)
             self.trouble, self.saved = None, ""
         self.changed()
@@ -447,7 +506,7 @@ class Session(Jobs):
     def _compare(self, at: Work) -> None:
         fitted, _ = self._data()
         model = self.step.model
-        step = Step(model, compare(fitted, model, progress=at.say))
+        step = replace(self.step.only(model), comparison=compare(fitted, model, progress=at.say))
         at.change(lambda: self._keep([*self.steps[:-1], step]))
         holds = self._holds(model, at)
         at.change(lambda: self._keep([*self.steps[:-1], replace(step, holds=holds)]))
@@ -456,7 +515,7 @@ class Session(Jobs):
         try:
             self._compare(at)
         except InputError:  # the diagnosis gives the reason
-            at.change(lambda: self._keep([*self.steps[:-1], Step(self.step.model)]))
+            at.change(lambda: self._keep([*self.steps[:-1], self.step.only(self.step.model)]))
         fitted, unused = self._data()
         found = diagnose(fitted, self.step.model, validate=unused, progress=at.say)
         at.change(lambda: self._keep([*self.steps[:-1], replace(self.step, diagnosis=found)]))
@@ -475,10 +534,11 @@ class Session(Jobs):
         self.opened[own.key] = own
         self._restart()
 
-    def _restart(self) -> None:
-        """Keep the model alone: results belong to the recordings that they were found with."""
+    def _restart(self, closed: str = "") -> None:
+        """Keep model and ranges alone: results belong to the recordings that they were found with."""
         self.undone = []
-        self._keep([Step(self.step.model)])
+        ranges = {key: own for key, own in self.step.ranges.items() if key != closed}
+        self._keep([Step(self.step.model, ranges=ranges)])
 
     def _go(self, steps: Sequence[Step]) -> None:
         """Keep steps with a new model at their end: what was undone before does not follow from it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
@@ -20,7 +20,7 @@ from gyrowheel.show.html import Cells, declared, environment, label, style_sheet
 from gyrowheel.show.sentences.diagnosis import purpose
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel.workbench.benches import SimulatedBench
-from gyrowheel.workbench.library import ROLES
+from gyrowheel.workbench.library import ROLES, Opened
 from gyrowheel.workbench.session import MODEL, NO_BENCH, Session
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
@@ -73,6 +73,7 @@ def state(session: Session) -> dict[str, Any]:
                 else f"{own.recording.path.absolute().parent.name}/{own.recording.name}",
                 "duration": own.recording.duration,
                 "samples": len(own.recording),
+                "uses": _uses(session, own),
             }
             for own in opened
         ],
@@ -85,6 +86,18 @@ def state(session: Session) -> dict[str, Any]:
         ],
         "live": {key: {"title": run.title, "words": run.words()} for key, run in session.live.runs.items()},
     }
+
+
+#: What the page calls a use.
+USED = {"fitted": "fit", "not used to fit": "only predict", "left out": "leave out"}
+
+
+def _uses(session: Session, own: Opened) -> list[dict[str, Any]]:
+    """Return the ranges of a recording with their uses, in order of time; one if all of it has the same."""
+    return [
+        {"from": max(each.begin, 0.0), "until": min(each.end, own.recording.duration), "use": each.use}
+        for each in own.uses(session.step.ranges.get(own.key, ()))
+    ]
 
 
 def page() -> str:
@@ -101,6 +114,7 @@ def page() -> str:
                 for title, _, columns in PANELS
             ],
             largest=LARGEST,
+            uses=USED,
         )
     )
 
@@ -176,6 +190,7 @@ def _recordings(session: Session) -> dict[str, Any]:
                 "when": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.changed)),
                 "role": "" if own is None else own.role,
                 "facts": "; ".join(_facts(own.recording.info)) if own and described else "",
+                "ranges": "" if own is None else _ranges(_uses(session, own)),
                 "changed": own is not None and own.recording.data.is_changed,
             }
         )
@@ -192,6 +207,14 @@ def _recordings(session: Session) -> dict[str, Any]:
         "busy": session.job is not None,
         "running": session.live.runs,
     }
+
+
+def _ranges(uses: Sequence[Mapping[str, Any]]) -> str:
+    """Return the ranges of a recording in words; empty where all of it has one use."""
+    if len(uses) == 1:
+        return ""
+    said = USED | {"left out": "left out"}
+    return "; ".join(f"{own['from']:.4g} … {own['until']:.4g} s {said[own['use']]}" for own in uses)
 
 
 def _facts(info: RecordingInfo) -> Iterator[str]:
@@ -230,7 +253,7 @@ def _verdict(session: Session) -> dict[str, Any]:
             "proof": None if found.proof is None else cells.words("diagnosis.proof.reason"),
             "proven": None if found.proof is None else found.proof.proven,
         }
-    elif added is not None:
+    elif added is not None and step.comparison is not None:
         shown |= {
             "words": added.headline(),
             "proof": proof_sentence(added.proof, added.error),
@@ -293,7 +316,7 @@ def _bar(session: Session) -> dict[str, Any]:
     model = session.step.model
     return {
         "busy": session.job is not None,
-        "undo": bool(model.history),
+        "undo": len(session.steps) > 1 or bool(model.history),
         "redo": bool(session.undone),
         "saved": session.saved,
         "unsaved": model is not session.kept,
@@ -341,7 +364,7 @@ def _missing(session: Session) -> dict[str, Any]:
 
 def _error(session: Session) -> dict[str, Any]:
     added, found = session.step.model.added, session.step.diagnosis
-    if added is not None:
+    if added is not None and session.step.comparison is not None:
         text = f"{added.headline()} {proof_sentence(added.proof, added.error)}"
         return {
             "error": sections.error_rows(Cells({"addition": added.to_dict()}), "addition.error"),

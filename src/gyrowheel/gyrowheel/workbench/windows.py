@@ -32,7 +32,7 @@ def windows(session: Session) -> dict[str, Any] | None:
     found = session.step.comparison
     if found is None:
         return None
-    data, keys = found.data, [own.key for own in session.opened.values() if own.role == ROLES[0]]
+    data, keys = found.data, [key for key, _ in session.keyed(ROLES[0])]
     w, tilt = data.windows, data.parts.get(COILS)
     # without both coil voltages there is no residual of the coils
     values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values

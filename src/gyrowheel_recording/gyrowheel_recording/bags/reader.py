@@ -24,7 +24,7 @@ from gyrowheel_recording.bags.identity import FileState, HashedFile, files_of, h
 from gyrowheel_recording.bags.mcap.records import load_walk
 from gyrowheel_recording.bags.mcap.topics import Want
 from gyrowheel_recording.bags.read_bag import read_bag
-from gyrowheel_recording.bags.selection import WHOLE, AnyNamespace, bench_in, parted
+from gyrowheel_recording.bags.selection import WHOLE, AnyNamespace, bench_in, part_of, parted
 from gyrowheel_recording.derived import Origin, origins_in
 from gyrowheel_sim import environment as environments
 from gyrowheel_sim.environment import Environment
@@ -135,11 +135,8 @@ class Recording:
         measurement, integrity = _in_order(read[topics.MEASUREMENT], where)
         start = int(measurement["stamp_ns"][0])
         descriptions = texts(used[topics.BENCH], where)
-        length = (int(measurement["stamp_ns"][-1]) - start) * 1e-9
-        if not (part[0] < length and part[1] > 0.0):
-            raise InputError(f"{directory}: lies outside the recording; allowed: 0 .. {length:.1f} s")
-        return cls(
-            path=Path(directory),
+        whole = cls(
+            path=path,
             topics=counts,
             namespace=namespace,
             measurement=measurement,
@@ -150,9 +147,26 @@ class Recording:
             bench_text=descriptions[-1] if descriptions else "",
             _integrity=integrity,
             unchecked=sum(topic.unchecked for topic in found.values()),
-            part=part,
             files=files,
         )
+        return whole if part == WHOLE else replace(whole.within(*part), path=Path(directory))
+
+    def within(self, begin: float, end: float) -> Recording:
+        """Return a part of it [s from its start], which shares its arrays.
+
+        Raises
+        ------
+        InputError
+            If there is nothing of it between these times.
+        """
+        path, (first, last) = parted(self.path)
+        part = max(begin, first), min(end, last)
+        if not (part[0] < part[1] and part[0] < self.duration and part[1] > 0.0):
+            where = part_of(path, (begin, end))
+            raise InputError(f"{where}: lies outside the recording; allowed: 0 .. {self.duration:.1f} s")
+        found = replace(self, path=part_of(path, part), part=part)
+        vars(found)["time"] = self.time  # not computed again
+        return found
 
     @property
     def name(self) -> str:

@@ -49,6 +49,16 @@ def parted(path: str | Path) -> tuple[Path, tuple[float, float]]:
     return Path(place), (begin, end)
 
 
+def part_of(path: Path, part: tuple[float, float]) -> Path:
+    """Return the path that means a part of a recording, as `parted` reads it."""
+    limits = [
+        f"{name}={limit!r}".removesuffix(".0")
+        for name, limit in zip(LIMITS, part, strict=True)
+        if math.isfinite(limit)
+    ]
+    return Path(f"{path}{MARK}{BETWEEN.join(limits)}") if limits else path
+
+
 def _exists(path: Path) -> bool:
     with read_errors(path):
         return path.exists()

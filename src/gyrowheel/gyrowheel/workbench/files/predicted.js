@@ -101,7 +101,7 @@ export function showPredicted(again = false) {
         title: column ? "" : actuator.title,
       });
       if (last) figure.below[0].axis_label = title;
-      figure.below[0].ticker.desired_num_ticks = figure.left[0].ticker.desired_num_ticks = 4;
+      figure.below[0].ticker.desired_num_ticks = figure.left[0].ticker.desired_num_ticks = 3;
       if (!column) figure.left[0].axis_label = UNITS[quantity][0];
       figure.min_border_left = 40;
       const x = { field };

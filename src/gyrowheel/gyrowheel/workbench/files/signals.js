@@ -9,7 +9,9 @@ let own = null; // the recording that is shown
 let figures = [];
 let range = null;
 let parts = []; // sources of each panel: lines, setpoints, predicted levels
-let marks = null; // windows chosen, events
+let marks = null; // windows chosen, events, ranges with a use of their own, the range that is being marked
+let pulls = []; // of each panel: what a drag does, pan or mark
+let marking = false;
 let marked = ""; // of what the marks are
 let chosen = {}; // spans of the windows chosen, by recording
 let cursors = [];
@@ -36,7 +38,8 @@ export async function showSignals() {
     );
   }
   press();
-  at("readout").hidden = at("keys").hidden = !signals.length;
+  showRanges();
+  at("readout").hidden = at("keys").hidden = at("range-mark").hidden = !signals.length;
   if (!signals.length && now.state.job?.title.startsWith("opening ")) {
     if (!figures.length) draw(); // while a recording is read: its lines are to come soon
     at("span").textContent = "";
@@ -59,10 +62,14 @@ function press() {
 export async function choose(key, from, until) {
   const wanted = now.state.signals.find((each) => each.key === key);
   if (!wanted) return;
-  if (own && own.key !== key) putCursor(null);
+  if (own && own.key !== key) {
+    putCursor(null);
+    putRange(null, null);
+  }
   own = wanted;
   if (!figures.length) draw();
   press();
+  showRanges();
   showFound();
   await zoom(from ?? 0, until ?? own.duration);
   say("shown", own.key);
@@ -73,10 +80,9 @@ function draw() {
   range = new Bokeh.Range1d({ start: 0, end: 1 });
   parts = [];
   cursors = [];
-  marks = {
-    windows: new Bokeh.ColumnDataSource({ data: { x0: [], x1: [] } }),
-    events: new Bokeh.ColumnDataSource({ data: { x0: [], x1: [] } }),
-  };
+  pulls = [];
+  const spans = () => new Bokeh.ColumnDataSource({ data: { x0: [], x1: [] } });
+  marks = { windows: spans(), events: spans(), predict: spans(), out: spans(), range: spans() };
   const [ink, soft] = [css("--ink"), css("--soft")];
   figures = PANELS.map((panel, k) => {
     const last = k === PANELS.length - 1;
@@ -94,6 +100,16 @@ function draw() {
     figure.min_border_left = 48;
     figure.min_border_top = 3;
     figure.min_border_bottom = 3;
+    const strip = (source, options) => figure.vstrip({ field: "x0" }, { field: "x1" }, { source, line_color: null, ...options });
+    strip(marks.predict, { fill_color: "#009E73", fill_alpha: 0.16 });
+    strip(marks.out, { fill_color: soft, fill_alpha: 0.14, hatch_pattern: "/", hatch_color: soft, hatch_alpha: 0.5, hatch_scale: 10 });
+    strip(marks.range, { fill_color: css("--accent"), fill_alpha: 0.12, line_color: css("--accent"), line_width: 2 });
+    const drag = new Bokeh.BoxSelectTool({ dimensions: "width", renderers: [] });
+    figure.add_tools(drag);
+    figure.on_event("selectiongeometry", ({ geometry }) => {
+      if (geometry.type === "rect") putRange(...[geometry.x0, geometry.x1].map((time) => Math.min(Math.max(time, 0), own.duration)));
+    });
+    pulls.push({ pan: figure.toolbar.tools.find((tool) => tool.type === "PanTool"), drag });
     figure.vstrip({ field: "x0" }, { field: "x1" }, { source: marks.windows, fill_color: "#E69F00", fill_alpha: 0.22, line_color: null });
     figure.vstrip({ field: "x0" }, { field: "x1" }, {
       source: marks.events, fill_color: "#CC79A7", fill_alpha: 0.35, line_color: "#CC79A7", line_width: 2,
@@ -126,6 +142,8 @@ function draw() {
       label_text_font_size: "11px", background_fill_alpha: 0.75,
     });
   }
+  mark(marking);
+  showRanges();
   // one layout, as figures that share a span or a source must belong together
   put("plots", new Bokeh.Column({ children: figures, sizing_mode: "stretch_both", spacing: 0 }));
   // asked again when the span has stood still for a moment, so that a turned wheel asks once
@@ -228,7 +246,8 @@ export function showFound() {
     }),
   );
   at("drawn").textContent =
-    "Dashed: setpoints of the plan." + (holds ? " Thick: what the model predicts for each hold." : "") + " Shaded: the chosen windows.";
+    "Dashed: setpoints of the plan." + (holds ? " Thick: what the model predicts for each hold." : "") +
+    " Shaded: the chosen windows; green: only predicted; hatched: left out.";
 }
 
 function showChosen() {
@@ -240,6 +259,51 @@ hear("windows", (spans) => {
   showChosen();
 });
 hear("shown", showChosen);
+
+// --- ranges of the recording, and their uses
+
+function showRanges() {
+  const uses = own?.uses ?? [];
+  const text = JSON.stringify(uses);
+  if (at("range").dataset.uses !== text) putRange(null, null); // it has its use now
+  at("range").dataset.uses = text;
+  at("range-key").value = at("range-all").dataset.key = own?.key ?? "";
+  at("range-all").hidden = uses.length < 2;
+  for (const button of at("range").querySelectorAll("[name=use], [data-do]")) button.disabled = Boolean(now.state.job);
+  if (!marks) return;
+  // where all of it is only predicted, no range stands out
+  for (const [name, use] of [["predict", "not used to fit"], ["out", "left out"]]) {
+    const some = uses.filter((each) => each.use === use && (uses.length > 1 || use === "left out"));
+    marks[name].data = { x0: some.map((each) => each.from), x1: some.map((each) => each.until) };
+  }
+}
+
+const typedRange = () => ["range-from", "range-until"].map((id) => (at(id).value === "" ? null : Number(at(id).value)));
+
+// Shows a range that has no use of its own yet; null where an end is missing.
+function putRange(from, until, typed = false) {
+  if (!typed) {
+    at("range-from").value = from === null ? "" : from.toFixed(3);
+    at("range-until").value = until === null ? "" : until.toFixed(3);
+  }
+  const given = [from, until].filter((time) => time !== null);
+  at("range").hidden = !own || !(marking || given.length);
+  if (marks) marks.range.data = given.length ? { x0: [Math.min(...given)], x1: [Math.max(...given)] } : { x0: [], x1: [] };
+}
+
+function mark(on) {
+  marking = on;
+  at("range-mark").setAttribute("aria-pressed", String(on));
+  putRange(...typedRange(), true);
+  for (const { pan, drag } of pulls) {
+    drag.active = on;
+    pan.active = !on;
+  }
+}
+
+at("range-mark").addEventListener("click", () => mark(!marking));
+at("range").addEventListener("submit", () => putRange(...typedRange().sort((one, other) => one - other))); // in either order
+at("range").addEventListener("input", () => putRange(...typedRange(), true));
 
 // --- the cursor
 
@@ -294,7 +358,13 @@ at("plots").addEventListener("keydown", (event) => {
     0: [0, own.duration],
   };
   const steps = { ",": -1, ".": 1 };
-  if (event.key in moves) {
+  const time = cursor ?? middle;
+  const [from, until] = typedRange();
+  const ranges = { m: () => mark(!marking), "[": () => putRange(time, until), "]": () => putRange(from, time), Escape: () => putRange(null, null) };
+  if (event.key in ranges) {
+    event.preventDefault();
+    ranges[event.key]();
+  } else if (event.key in moves) {
     event.preventDefault();
     zoom(...moves[event.key]);
   } else if (event.key in steps) {
