@@ -12,12 +12,13 @@ from scipy.signal import welch
 
 from benchmarks import verdicts
 from gyrowheel_core.errors import InputError
+from gyrowheel_sim.instruments.readings import Reading
 
 PERIOD = 5e-4  # s
 
 
 def of_readings(kind: verdicts.Noise, seed: int, seconds: float) -> tuple[verdicts.RoughNoise, np.ndarray]:
-    count, readings = int(seconds / PERIOD), len(verdicts.Reading)
+    count, readings = int(seconds / PERIOD), len(Reading)
     noise = verdicts.RoughNoise(kind, seed, PERIOD)
     normal = np.random.default_rng(seed).standard_normal((count, readings + 1))
     last = normal[:, -1].copy()
