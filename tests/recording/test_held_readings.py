@@ -12,12 +12,14 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel.show.sentences.findings import reading_sentence
+from gyrowheel.show.sentences.setup import problem
 from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.reduction.instrument_readings import look, reading_findings
 from gyrowheel_analysis.reduction.segmentation import reduce
+from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.mislabelled import correct, corrected
+from gyrowheel_recording.mislabelled import Fix, correct, corrected
 from gyrowheel_recording.mislabelled.blocks import NAMES
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_recording.mislabelled.held import rows_a_value
@@ -116,6 +118,19 @@ def test_the_cure_takes_rows_with_new_values_alone(right: Recording, bench: Benc
     assert mended["coil_voltage_x"] == pytest.approx(right.measurement["coil_voltage_x"][rows])
     assert np.all(np.diff(mended["sequence"].astype(int)) == 1)
     assert not wrong_setups([replace(right, measurement=mended)], bench)
+    assert "leave out coil_voltage_x and coil_voltage_y instead" in problem(found)
+
+
+def test_rows_of_readings_that_are_not_held_are_refused(right: Recording) -> None:
+    for every in (2, 6.67):
+        with pytest.raises(InputError, match=rf"every: {every}: no reading is new"):
+            corrected(right.measurement, Fix(every=every))
+    table = pd.DataFrame({"time": 1e-9 * right.measurement["stamp_ns"]} | {
+        name: right.measurement[name] for name in READINGS
+    })  # fmt: skip
+    asked = gw.suggest_map(table)
+    with pytest.raises(InputError, match="every: 4: no reading is new"):
+        gw.read_table(table, asked.content | {"every": 4})
 
 
 def test_the_cure_takes_new_values_at_a_distance_that_is_no_whole_number_of_samples(

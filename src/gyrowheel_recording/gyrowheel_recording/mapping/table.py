@@ -261,7 +261,10 @@ class Table:
             for name, source in self._map.columns.items()
             if name in NAMES and source.column and not source.pulses
         }
-        taken = np.flatnonzero(new_rows(columns, numbers, every))
+        try:
+            taken = np.flatnonzero(new_rows(columns, numbers, every))
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
         if len(taken) < 2:
             raise InputError(f"{self.path}: {len(taken)} rows by `every: {every:g}`; allowed: 2 or more")
         self._columns = {name: column.take(pa.array(taken)) for name, column in self._columns.items()}

@@ -127,6 +127,7 @@ class WrongSetup:
 _ANGLE: Final = "spin_angle"
 _LONGEST_HELD: Final = 1000  # samples
 _OFTEN: Final = 1.05  # times as many changes as a held reading can have show that it is another one
+_SELDOM: Final = 0.02  # of them: fewer changes are those of a reading at rest
 
 
 def correct(recording: Recording, cure: Fix, directory: str | Path) -> int:
@@ -222,6 +223,7 @@ def new_rows(columns: Mapping[str, Any], numbers: NDArray[np.int64], every: floa
 
     `columns` are readings by name; the one that is held shows the rows. `numbers` are those of the samples. A new value
     that equals the last one does not show: where a value stays longer, rows between are taken at the usual distance.
+    Raises InputError where no reading is held so long.
     """
     shown: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
     most = _OFTEN * float(numbers[-1] - numbers[0] + 1) / every if len(numbers) else 0.0
@@ -229,8 +231,10 @@ def new_rows(columns: Mapping[str, Any], numbers: NDArray[np.int64], every: floa
         changed = 1 + np.flatnonzero(np.diff(np.asarray(columns[name], dtype=np.float64)) != 0.0)
         if len(shown) < len(changed) <= most:
             shown = numbers[changed]
-    if not len(shown):
-        return np.asarray(np.arange(len(numbers)) == 0)
+    if len(shown) < _SELDOM * most:
+        raise InputError(
+            f"every: {every:g}: no reading is new in one of so many samples only; leave `every` out"
+        )
     ends = np.r_[numbers[0] - 1, shown, numbers[-1] + 1]
     places: list[NDArray[Any]] = [shown]
     for at in np.flatnonzero(np.diff(ends) > 1.5 * every):

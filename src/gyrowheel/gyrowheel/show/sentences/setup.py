@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from gyrowheel_recording.mislabelled import Fix, WrongSetup
 
 _SPIN = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")
+_COILS = {"coil_voltage_x", "coil_voltage_y"}
 #: The unit of a reading that is not in SI units.
 _UNITS = {
     "deg": "in degrees, not in radians",
@@ -108,7 +109,13 @@ def _evidence(found: WrongSetup) -> str:
     if found.kind == "stuck":
         return "what it must follow moves"
     if found.kind == "held":
-        return "the readings of a slower instrument are repeated, as noise never repeats to the last digit"
+        instead = (
+            f"; where the motor matters more than the tilt, leave out {listed(found.columns, 'and')} instead, "
+            "which keeps every sample of the others"
+            if found.cure.every > 1 and set(found.columns) <= _COILS
+            else ""
+        )
+        return f"the readings of a slower instrument are repeated, as noise never repeats to the last digit{instead}"
     if found.kind == "same":
         return (
             "the coils of two axes never take the same voltage"
