@@ -292,6 +292,9 @@ def _acts_on(effect: Effect) -> list[str]:
 
 
 def _picture_lines(effect: Effect, found: Signature | None, bench: Bench) -> Iterator[str]:
+    if effect.states:
+        yield "It depends on what was before; no tilt and speed alone show it. [A law with a memory](../memory.md)."
+        return
     if found is None:
         yield "At its usual size on the default bench it is not visible at a constant or slowly turning tilt."
         return

@@ -113,12 +113,14 @@ class Signature:
 
 
 def signature(effect: Effect, bench: Bench) -> Signature | None:
-    """Return the signature of an effect on a bench; None if it shows in no steady state.
+    """Return the signature of an effect on a bench; None if it shows in no steady state, or depends on the way there.
 
     The coefficients have their usual sizes. Effects that a held tilt does not show are shown with warm coils and motor,
     or on a slow cone. The tilts are shown at the reference speed, or at a low one where the coils' torque is much
     larger: at the reference speed a tuned rotor stays tilted without torque, which hides what is proportional to it.
     """
+    if effect.states:
+        return None
     reference, low = bench.value("spin_rate_reference"), bench.value("spin_rate_minimum")
     stiffness = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
     nothing = {

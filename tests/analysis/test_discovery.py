@@ -22,7 +22,7 @@ from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim import blind
-from gyrowheel_sim.effects import EffectValues, physical, registry
+from gyrowheel_sim.effects import EffectValues, physical, registry, remembering
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, hidden_machine, record
@@ -36,12 +36,12 @@ LARGE: EffectValues = {
     "windage_tilt": {"w": -0.0005, "n": 1.48},
 }
 #: Looked for again once it is in the model; the others are a study.
-AGAIN = ("aero_cross",)
+AGAIN = ("aero_cross", "cable_friction")
 #: What these plans cannot show; most have tests of their own.
 NOT_SHOWN = ("gravity_offset", "earth_rate", "tilt_scale", "supply_sag")
 HIDDEN: dict[str, EffectValues] = {
     name: {name: LARGE.get(name, effect.defaults())}
-    for name, effect in physical().items()
+    for name, effect in {**physical(), **remembering()}.items()
     if name not in NOT_SHOWN
 }
 

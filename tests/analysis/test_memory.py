@@ -13,8 +13,9 @@ import pytest
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.balance.history import History, course_of
 from gyrowheel_analysis.balance.motion import NODES
-from gyrowheel_analysis.fitting.fit import Term
+from gyrowheel_analysis.fitting.fit import ERRORS, Term, Unknowns
 from gyrowheel_analysis.fitting.preparation import prepare, samples_of
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import planned_windows, reduce
@@ -22,6 +23,7 @@ from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import Effect, physical, registry, remembering
 from gyrowheel_sim.effects.user_defined_line import typed_effect
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -179,3 +181,36 @@ def test_typed_laws_with_a_memory_are_fitted_and_hold_on_unused_data(
         fit = problem.fit(())
         white = problem.noise.whiten(fit.residual)
         assert (float(white @ white) / len(white) < 1.44) == good
+
+
+def test_effects_with_a_memory_are_tried_only_where_something_is_left(
+    samples: Samples, windows: Windows
+) -> None:
+    """With nothing hidden no law of them is evaluated, so that they cost nothing."""
+    problem = Problem.of([Balance(windows, BENCH, history=History(windows, BENCH, samples))], BENCH)
+    names = set(remembering())
+    assert names
+    assert not names & set(physical())
+    assert not names & {term.name for term in problem.unknowns.candidates()}
+    more = problem.with_memory()
+    assert names <= {term.name for term in more.unknowns.candidates()}
+    assert not names & {term.name for term in problem.unknowns.candidates()}
+    plain, wider = (own.prediction.candidate_columns.shape[1] for own in (problem, more))
+    amplitudes = sum(len(effect.amplitudes) for effect in remembering().values())
+    assert wider == plain + amplitudes
+    assert problem.prediction.candidate_columns.shape[1] == plain
+
+
+def test_an_effect_of_the_model_with_a_memory_may_be_wrong_in_it() -> None:
+    known = {"cable_friction": remembering()["cable_friction"].defaults()}
+    assert [t.name for t in Unknowns(BENCH, known).candidates() if t.effect and t.effect.states] == [
+        "cable_friction"
+    ]
+
+
+@pytest.mark.parametrize("effect", remembering().values(), ids=remembering())
+def test_each_shipped_memory_names_its_look_alikes_and_the_test_that_separates_them(effect: Effect) -> None:
+    assert effect.look_alikes
+    assert all(name in registry() or name in ERRORS for name in effect.look_alikes)
+    assert all(len(text.split()) > 3 for text in effect.look_alikes.values())
+    assert all(c.source for c in effect.coefficients)

@@ -52,7 +52,7 @@ from gyrowheel_core.units import RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
 from gyrowheel_sim.effects.complex_parts import split
-from gyrowheel_sim.effects.formula import parse
+from gyrowheel_sim.effects.formula import read
 
 from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, limit, tie
 
@@ -141,10 +141,15 @@ def test_formulas_are_written_with_signs():
 
 @pytest.mark.parametrize("effect", registry().values(), ids=lambda effect: effect.name)
 def test_a_formula_as_it_is_shown_can_be_typed_in(effect: Effect):
-    for part, law in zip(pretty(effect.formula).split("; "), effect.laws, strict=True):
-        typed = parse(part.partition(" = ")[2], [c.name for c in effect.coefficients])
+    shown = [law.expression for law in effect.laws]
+    for state in effect.states:
+        shown += [state.rate, state.start] if state.start != 0 else [state.rate]
+    names = [*(c.name for c in effect.coefficients), *(state.name for state in effect.states)]
+    two = [state.name for state in effect.states if state.complex]
+    for part, expression in zip(pretty(effect.formula).split("; "), shown, strict=True):
+        typed = read(part.partition(" = ")[2], names, two=two).expression
         # |z|² is shown for z z*
-        assert split(typed) == split(law.expression)
+        assert split(typed) == split(expression)
 
 
 def test_a_model_shows_a_user_defined_effect():

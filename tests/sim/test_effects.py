@@ -26,7 +26,14 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import unit_registry
 from gyrowheel_sim.effects import Coefficient, Effect, physical, registry
-from gyrowheel_sim.effects.law_code import FUNCTIONS, Instant, array_law, coefficient_arrays
+from gyrowheel_sim.effects.law_code import (
+    FUNCTIONS,
+    Instant,
+    array_law,
+    coefficient_arrays,
+    memory_layout,
+    memory_size,
+)
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.environment import RIGS, Environment
@@ -138,8 +145,27 @@ class Law:
         instant = Instant(*(given[name] for name in Instant._fields))
         outputs: dict[str, complex] = {}
         for function in compiled_laws():
-            outputs |= function(*self.arrays, np.zeros(0), instant)._asdict()
+            outputs |= function(*self.arrays, remembering_state(), instant)._asdict()
         return outputs
+
+
+def remembering_state() -> np.ndarray:
+    """Return a state of the plant in which the states of laws are numbers between 0 and 1."""
+    state = np.zeros(N_STATE + memory_size(simulated_effects()))
+    memory = state[N_STATE:]
+    memory[:] = 0.3 + 0.6 * np.arange(len(memory)) / len(memory)
+    return state
+
+
+def remembered(effect: Effect) -> dict[str, complex]:
+    """Return the states of a law in it by name."""
+    places, memory = memory_layout(simulated_effects()), remembering_state()[N_STATE:]
+    return {
+        s.name: complex(*memory[list(places[effect.name, s.name])])
+        if s.complex
+        else memory[places[effect.name, s.name][0]]
+        for s in effect.states
+    }
 
 
 @functools.cache
@@ -172,7 +198,15 @@ def declared(
         "home_y": environment.home[1] * turn,
         "axis": axis,
     }
-    given = {**q, **around, **references, **values, "theta": q["theta_x"], "theta_rate": q["theta_x_rate"]}
+    given = {
+        **q,
+        **remembered(effect),
+        **around,
+        **references,
+        **values,
+        "theta": q["theta_x"],
+        "theta_rate": q["theta_x_rate"],
+    }
     laws = [array_law(effect, k) for k, law in enumerate(effect.laws) if law.target == target]
     return complex(sum(law(given) for law in laws))
 
@@ -257,7 +291,7 @@ def arrays(effects: Mapping[str, Mapping[str, float]]) -> Any:
 def state_of(s: Mapping[str, Any]) -> np.ndarray:
     """Return the state of the compiled plant, the table turning steadily."""
     n = -1j * s["z"] / math.sqrt(1.0 + abs(s["z"]) ** 2)
-    state = np.zeros(N_STATE)
+    state = np.zeros(N_STATE + memory_size(simulated_effects()))
     given = {
         State.n_x: n.real, State.n_y: n.imag, State.n_x_rate: s["rate"].real, State.n_y_rate: s["rate"].imag,
         State.spin_angle: s["angle"], State.spin_rate: s["Omega"], State.coil_temperature: s["T_coil"],
@@ -289,7 +323,7 @@ def rates(effects: Mapping[str, Mapping[str, float]], s: Mapping[str, Any]) -> t
 
 
 def advanced(effects: Mapping[str, Mapping[str, float]], s: Mapping[str, Any]) -> np.ndarray:
-    """Return what the state and the readings are after three samples under changing voltages."""
+    """Return the state, without that of laws, and the readings after three samples under changing voltages."""
     state, out = state_of(s), np.zeros(11)
     held = np.array([s["coils"].real, s["coils"].imag, s["motor"]])
     environment = surroundings(s["rig"], s["table_rate"])
@@ -299,7 +333,7 @@ def advanced(effects: Mapping[str, Mapping[str, float]], s: Mapping[str, Any]) -
             machine().parameters, *arrays(effects), environment, state, held, 10.0 + k * BENCH.sample_period,
             coils.real, coils.imag, s["motor"] - k, np.zeros(N_NOISE), out,
         )  # fmt: skip
-    return np.concatenate([state, out])
+    return np.concatenate([state[:N_STATE], out])
 
 
 @EACH

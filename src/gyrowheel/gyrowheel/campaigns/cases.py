@@ -12,9 +12,9 @@ from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import KINDS, Kind
 
-CaseKind: TypeAlias = Kind | Literal["alike", "event"]
+CaseKind: TypeAlias = Kind | Literal["alike", "memory", "event"]
 #: Relative frequency of each kind.
-SHARES: dict[CaseKind, float] = dict([*KINDS.items(), ("alike", 0.5), ("event", 0.3)])
+SHARES: dict[CaseKind, float] = dict([*KINDS.items(), ("alike", 0.5), ("memory", 0.3), ("event", 0.3)])
 #: Largest fraction of lost samples: with more missing no window is complete.
 MOST_LOST = 0.2
 

@@ -46,7 +46,7 @@ from gyrowheel_core.readings import Readings
 from gyrowheel_recording.bags import write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import draw_effect, draw_machine
-from gyrowheel_sim.effects import Effect, EffectValues, physical
+from gyrowheel_sim.effects import Effect, EffectValues, physical, remembering
 from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.environment import to_json
 from gyrowheel_sim.plant.scenario import Scenario
@@ -372,15 +372,17 @@ def _library(
 ) -> tuple[EffectValues, dict[str, float]]:
     """Draw effects of the library, or errors of bench parameters, and their sizes."""
     seed = case.campaign.seed
-    known = physical()
+    known = {**physical(), **remembering()}
     chosen: list[str] = []
     if case.kind == "single":
-        chosen = [_turn((*known, *measure.errors), seed, case.ordinal, "single")]
+        chosen = [_turn((*physical(), *measure.errors), seed, case.ordinal, "single")]
     elif case.kind == "alike":
-        chosen = [_turn(tuple(known), seed, case.ordinal, "alike")]
+        chosen = [_turn(tuple(physical()), seed, case.ordinal, "alike")]
+    elif case.kind == "memory":
+        chosen = [_turn(tuple(remembering()), seed, case.ordinal, "memory")]
     elif case.kind == "pair":
-        first = _turn(tuple(known), seed, case.ordinal, "pair")
-        chosen = [first, str(rng.choice([name for name in known if name != first]))]
+        first = _turn(tuple(physical()), seed, case.ordinal, "pair")
+        chosen = [first, str(rng.choice([name for name in physical() if name != first]))]
     drawn = {name: draw_effect(known[name], rng) for name in chosen if name in known}
     truth: EffectValues = {}
     sizes: dict[str, float] = {}

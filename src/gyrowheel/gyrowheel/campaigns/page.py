@@ -25,9 +25,10 @@ KINDS = {
     "pair": "two effects",
     "outside": "outside library",
     "alike": "one effect and a look-alike",
+    "memory": "a law with a memory",
     "event": "an event",
 }
-_SIZED = ("single", "pair", "alike")
+_SIZED = ("single", "pair", "alike", "memory")
 _WORDS = {
     "tied_without_test": "tied, no test named",
     "partial": "one of two found",

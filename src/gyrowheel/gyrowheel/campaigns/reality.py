@@ -66,29 +66,6 @@ _STEEP_CROSS = Effect(
     validity="blind tests",
     source="assumed",
 )
-_RUNNING_IN = Effect(
-    name="running_in",
-    title="friction that fades with time",
-    category="other",
-    sentence="The grease of the bearing spreads, so that its friction fades while the test runs.",
-    laws=(Law("shaft_torque", -_T * sp.exp(-_t / _s)),),
-    coefficients=(
-        Coefficient("T", "N*m", "friction at the start", (1e-3, 4e-3), (-0.5, 0.5), "assumed"),
-        Coefficient(
-            "s",
-            "s",
-            "time in which it fades",
-            (20.0, 60.0),
-            (1.0, 1e4),
-            "assumed",
-            shape=40.0,
-            shape_uncertainty=20.0,
-        ),
-    ),
-    validity="blind tests",
-    source="assumed",
-)
-
 _BACKLASH = Effect(
     name="backlash",
     title="backlash of a preloaded joint",
@@ -115,7 +92,6 @@ _BACKLASH = Effect(
 _OWN = (
     OutsideForm(_STEEP_WINDAGE, "windage", "n"),
     OutsideForm(_STEEP_CROSS, "aero_cross", "n"),
-    OutsideForm(_RUNNING_IN),
     OutsideForm(_BACKLASH),
 )
 _SHIPPED = {effect.name for effect in UNREGISTERED}
@@ -142,6 +118,7 @@ WRONG_AT_ONCE = {
     "pair": (0, 1),
     "outside": (0, 1),
     "alike": (0, 1),
+    "memory": (0, 1),
     "event": (0, 1),
 }
 #: Largest resolution step and hum, over the noise of the reading.

@@ -173,7 +173,7 @@ class Summary:
                 "missed": how["missed"],
                 "formula_validated": self.formulas_validated.count,
             },
-            **({"alike": self._found("alike")} if self.of_kind("alike") else {}),
+            **{kind: self._found(kind) for kind in ("alike", "memory") if self.of_kind(kind)},
             **self._reality(),
             "coverage95": covered(self.intervals, 0.95).part,
             "validated": {"n": self.validated.n, "within_1p2_floor": self.validated.count},

@@ -51,8 +51,8 @@ def campaign(
         str | None,
         option(
             "--kinds K,K..",
-            "What may be hidden: none, single, pair, outside, alike (one effect, and a look-alike below its limit); "
-            "with --reality also event.",
+            "What may be hidden: none, single, pair, outside, alike (one effect, and a look-alike below its limit), "
+            "memory (an effect with a memory); with --reality also event.",
             "none,single,pair,outside; with --reality none,single,event",
         ),
     ] = None,

@@ -9,12 +9,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from gyrowheel_analysis.criteria import (
+    ACCEPTED_GAIN_FURTHER,
+    CHI2_RANGE,
+    DRIFT_OR_MAP,
+    EVENT_GAIN,
+    TIE_LOSS,
+)
 from gyrowheel_analysis.diagnosis.event_dating import Found
 from gyrowheel_analysis.diagnosis.events import explain
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
-from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit
+from gyrowheel_analysis.diagnosis.selection import Progress, Selection, rank, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, settled
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, memory_terms
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
@@ -61,7 +69,51 @@ def unexplained(first: Prepared) -> Explanation:
 
 
 def explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
-    """Return the explanation of prepared recordings, with the noise that it leaves."""
+    """Return the explanation of prepared recordings, with the noise that it leaves.
+
+    Effects with a memory are candidates where those of an instant leave something. One of them is taken if it makes the
+    recordings likelier than all that explains them without it; a free form must be likelier than the law.
+    """
+    found = _explained(first, recordings, progress)
+    if not (_leaves_something(found) or _lags(found)):
+        return found
+    if progress:
+        progress("comparing with laws that have a memory")
+    other = _explained(replace(first, problem=first.problem.with_memory()), recordings, progress)
+    if not any(t.effect is not None and t.effect.states for t in other.best.terms):
+        return found
+    least = TIE_LOSS if found.proposal is not None and other.proposal is None else 0.0
+    return other if _cost(other) < _cost(found) + least else found
+
+
+def _lags(found: Explanation) -> bool:
+    """Whether a law with a memory that resembles a found effect would explain more of the rows."""
+    names = {term.name for term in found.best.terms}
+    alike = [
+        t
+        for t in memory_terms(found.problem.bench)
+        if t.effect is not None and names & set(t.effect.look_alikes)
+    ]
+    return any(gain > ACCEPTED_GAIN_FURTHER for gain, _ in rank(found.problem, found.best, alike))
+
+
+def _leaves_something(found: Explanation) -> bool:
+    """Whether an explanation needs forms or events, is none, or leaves a drift that may be anything."""
+    return (
+        found.proposal is not None
+        or bool(found.happened or found.laws)
+        or max(found.problem.noise.scales.values(), default=1.0) > DRIFT_OR_MAP
+        or lack_of_fit(found.problem, found.best) > CHI2_RANGE
+    )
+
+
+def _cost(found: Explanation) -> float:
+    """Return minus twice the log likelihood of an explanation, with the price of its events."""
+    return found.problem.evidence(found.best) + EVENT_GAIN * len(found.happened)
+
+
+def _explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
+    """Return the explanation by the candidates of prepared recordings."""
     selection = select(first.problem, progress=progress)
     weighed = first.reweighed(selection.best)
     if weighed is not first:

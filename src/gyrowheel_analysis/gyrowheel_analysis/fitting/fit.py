@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from gyrowheel_analysis.balance.balance import ActiveEffect
 from gyrowheel_analysis.criteria import UNCONSTRAINED
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import Effect, EffectValues, physical, registry
+from gyrowheel_sim.effects import Effect, EffectValues, physical, registry, remembering
 from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 from gyrowheel_sim.effects.torque_map import TorqueMap
@@ -57,9 +58,14 @@ def parameter_errors(bench: Bench) -> list[str]:
 
 
 def candidate_terms(bench: Bench) -> list[Term]:
-    """Return every physical effect with its usual sizes on a bench, and every parameter error that can be a finding."""
+    """Return the effects without a memory, as sized on a bench, and the parameter errors that can be a finding."""
     effects = [Term(name, for_bench(effect, bench)) for name, effect in physical().items()]
     return effects + [Term(name) for name in parameter_errors(bench)]
+
+
+def memory_terms(bench: Bench) -> list[Term]:
+    """Return the effects with a memory, as sized on a bench."""
+    return [Term(name, for_bench(effect, bench)) for name, effect in remembering().items()]
 
 
 def is_instrument(term: Term) -> bool:
@@ -225,7 +231,11 @@ class Unknowns:
         Number of nuisance unknowns: those groups, then the uncertain coefficients of the known effects.
     of_instruments : frozenset of int
         The numbers of parameters of instruments among them.
+    memory : bool
+        Whether registered effects with a memory may be missing, too.
     """
+
+    memory = False
 
     def __init__(
         self,
@@ -276,6 +286,12 @@ class Unknowns:
     def on_bench(self, bench: Bench) -> Unknowns:
         """Return the same unknowns with the statements of another bench."""
         return Unknowns(bench, self.known, self.known_errors, self.declared, self.assumed)
+
+    def with_memory(self) -> Unknowns:
+        """Return the same unknowns where registered effects with a memory may be missing, too."""
+        result = copy(self)
+        result.memory = True
+        return result
 
     def with_errors(self, name: str, errors: Mapping[str, float]) -> Unknowns:
         """Return the same unknowns and the coefficients of a known effect, with their standard errors."""
@@ -351,6 +367,7 @@ class Unknowns:
             for name in self.known
             if name not in registry() and not isinstance(self.library[name], TorqueMap)
         ]
+        own += [Term(name, self.library[name]) for name in remembering() if self.memory or name in self.known]
         return candidate_terms(self.bench) + instrument_terms() + own
 
     def null(self, term: Term) -> dict[str, float]:

@@ -48,6 +48,14 @@ class Prediction:
         result.unknowns, result._states, result._stated_columns = unknowns, OrderedDict(), {}
         return result
 
+    def with_memory(self) -> Prediction:
+        """Return the same prediction where effects with a memory are candidates, too; it shares what is known."""
+        result = copy(self)
+        result.unknowns, result._states = self.unknowns.with_memory(), self._states.copy()
+        result._stated_columns = self._stated_columns.copy()
+        result.__dict__.pop("candidate_columns", None)
+        return result
+
     def split(self, rows: Array) -> list[Array]:
         """Return rows recording by recording."""
         edges = np.cumsum([len(b) for b in self.balances])[:-1]

@@ -68,6 +68,10 @@ class Problem:
         """Return the same problem for unknowns that have the same nuisances, with separate caches."""
         return replace(self, prediction=self.prediction.for_unknowns(unknowns))
 
+    def with_memory(self) -> Problem:
+        """Return the same problem where effects with a memory are candidates, too, with the drifts that they leave."""
+        return replace(self, prediction=self.prediction.with_memory()).with_drift_estimated()
+
     @property
     def balances(self) -> tuple[Balance, ...]:
         """The balances, one a recording."""

@@ -50,10 +50,20 @@ def registry() -> Mapping[str, Effect]:
 
 @functools.cache
 def physical() -> Mapping[str, Effect]:
-    """Return the registered effects that act on the machine: all but instruments that are not as stated."""
+    """Return the registered effects that act on the machine at an instant: no instruments, no memory."""
     return MappingProxyType(
-        {name: effect for name, effect in registry().items() if effect.category != "instrument"}
+        {
+            name: effect
+            for name, effect in registry().items()
+            if effect.category != "instrument" and not effect.states
+        }
     )
+
+
+@functools.cache
+def remembering() -> Mapping[str, Effect]:
+    """Return the registered effects with a memory: a diagnosis tries them where those of an instant leave something."""
+    return MappingProxyType({name: effect for name, effect in registry().items() if effect.states})
 
 
 def get(

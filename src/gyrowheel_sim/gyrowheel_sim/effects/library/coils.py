@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
-from gyrowheel_sim.effects.library.common import CONES, amplitude, symbols
-from gyrowheel_sim.effects.quantities import T_coil, T_ref, i_motor, z, z_ref
+from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, LawState
+from gyrowheel_sim.effects.library.common import CONES, amplitude, constant, remembered, symbols
+from gyrowheel_sim.effects.quantities import T_air, T_coil, T_ref, i_motor, z, z_ref
 
 (_g,) = symbols("g")
 
@@ -63,6 +63,40 @@ COIL_HEATING = Effect(
     validity="within 60 K of the reference temperature",
     source="temperature coefficient of resistance and remanence",
     look_alikes={"coil_gain_error": "pre-heat the coils by 20 K (plan preheat)"},
+)
+
+
+_behind, _soak = symbols("a", "tau")
+_warm = remembered("s")
+
+MAGNET_WARMING = Effect(
+    name="magnet_warming",
+    title="torque constant of the coils changes as their magnets warm behind them",
+    category="actuator",
+    sentence="The magnets warm minutes behind the coils, and lose field: the torque per volt lags the temperature.",
+    directions=(
+        "The magnets warm minutes behind the coils, and lose field: the torque per volt lags the temperature.",
+        "A volt gives more torque as the magnets get warmer: the opposite of what magnets do.",
+    ),
+    laws=(Law("coil_gain", _behind * _warm),),
+    states=(LawState("s", "K", (T_coil - T_air - _warm) / _soak),),
+    coefficients=(
+        amplitude(
+            "a",
+            "1/K",
+            "relative change of the torque per volt per kelvin of the magnets",
+            (0.001, 0.004),
+            0.05,
+            "ferrite: -0.002/K; NdFeB: -0.0011/K",
+            signed=True,
+        ),
+        constant("tau", "s", "time in which the magnets follow the coils", 60.0, 40.0, (3.0, 2e3)),
+    ),
+    validity="magnets at air temperature at the start",
+    source="temperature coefficient of remanence; one thermal mass",
+    look_alikes={
+        "coil_heating": "coils that are warm for minutes and cool again (plan preheat): what lags goes on",
+    },
 )
 
 

@@ -28,6 +28,11 @@ def symbols(*names: str) -> tuple[sp.Symbol, ...]:
     return tuple(sp.Symbol(name, real=True) for name in names)
 
 
+def remembered(name: str, *, complex: bool = False) -> sp.Symbol:
+    """Return the symbol of a state."""
+    return sp.Symbol(name, complex=True) if complex else sp.Symbol(name, real=True)
+
+
 def amplitude(
     name: str,
     unit: str,
@@ -39,6 +44,22 @@ def amplitude(
 ) -> Coefficient:
     """Return a coefficient that may be typed and searched within +-`limit`; see `Coefficient` for the options."""
     return Coefficient(name, unit, description, usual, (-limit, limit), source, **options)
+
+
+def constant(
+    name: str,
+    unit: str,
+    description: str,
+    usual: float,
+    uncertainty: float,
+    bounds: tuple[float, float],
+    source: str = "assumed",
+) -> Coefficient:
+    """Return the time or the way in which a state follows: its usual value with the standard uncertainty."""
+    return Coefficient(
+        name, unit, description, (usual - uncertainty, usual + uncertainty), bounds, source,
+        shape=usual, shape_uncertainty=uncertainty,
+    )  # fmt: skip
 
 
 def exponent(usual: float, uncertainty: float, low: float, high: float) -> Coefficient:

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.declaration import Effect, Law
-from gyrowheel_sim.effects.library.common import BALANCE, LOW_PRESSURE, amplitude, symbols
+from gyrowheel_sim.effects.declaration import Effect, Law, LawState
+from gyrowheel_sim.effects.library.common import (
+    BALANCE,
+    LOW_PRESSURE,
+    amplitude,
+    constant,
+    remembered,
+    speed_ratio,
+    symbols,
+)
 from gyrowheel_sim.effects.quantities import N_ripple, Omega, T_motor, T_ref, T_winding, theta_z
 
 _T, _b = symbols("T", "b")
@@ -37,6 +45,68 @@ BEARING_VISCOUS = Effect(
     validity="turning shaft, constant lubricant temperature",
     source=BALANCE,
     look_alikes={"windage": LOW_PRESSURE},
+)
+
+
+_v, _tau = symbols("v", "tau")
+_warmth = remembered("s")
+
+GREASE_WARMING = Effect(
+    name="grease_warming",
+    title="viscous friction of the bearing falls as its grease warms",
+    category="bearing",
+    sentence="The loss of the spin warms the grease within minutes and thins it: its friction lags behind the speed.",
+    directions=(
+        "The bearing brakes more as it warms: not what warm grease does, rather a preload that grows.",
+        "The loss of the spin warms the grease within minutes and thins it: its friction lags behind the speed.",
+    ),
+    laws=(Law("shaft_torque", _v * _warmth * Omega),),
+    states=(LawState("s", "1", (speed_ratio**2 - _warmth) / _tau),),
+    coefficients=(
+        amplitude(
+            "v",
+            "N*m*s/rad",
+            "friction coefficient that is lost in the long run at the reference speed",
+            (1e-6, 6e-6),
+            1e-3,
+            "assumed: a mineral grease loses half of its viscosity in 12 K",
+            signed=True,
+        ),
+        constant(
+            "tau", "s", "time in which the bearing warms", 60.0, 40.0, (3.0, 2e3), "assumed: a small bearing"
+        ),
+    ),
+    validity="bearing at the temperature of the room at the start",
+    source="Walther's law (ASTM D341) to first order; loss in proportion to the square of the speed, one thermal mass",
+    look_alikes={
+        "bearing_run_in": "a second run after a rest of minutes: what warmed has cooled, what ran in has not",
+        "bearing_viscous": "the same speed early and late (plan survey)",
+        "windage": "the same speed early and late (plan survey)",
+    },
+)
+
+
+_f, _w, _rest = symbols("f", "w", "t_r")
+_fresh = remembered("s")
+
+BEARING_RUN_IN = Effect(
+    name="bearing_run_in",
+    title="friction of the bearing runs in, and comes back at rest",
+    category="bearing",
+    sentence="Fresh grease is pushed out of the way of the balls in some thousand turns, and flows back at rest.",
+    laws=(Law("shaft_torque", -_f * _fresh),),
+    states=(LawState("s", "1", (1 - _fresh) / _rest - _fresh * speed_ratio / _w, sp.S.One),),
+    coefficients=(
+        amplitude("f", "N*m", "additional friction of the fresh bearing", (0.0008, 0.004), 0.05),
+        constant("w", "s", "time in which it runs in at the reference speed", 40.0, 25.0, (3.0, 2e3)),
+        constant("t_r", "s", "time in which it comes back at rest", 1500.0, 500.0, (100.0, 1e5)),
+    ),
+    validity="bearing at rest for long before the recording",
+    source="Lugt 2009, A review on grease lubrication in rolling bearings (churning phase); reflow of first order",
+    look_alikes={
+        "grease_warming": "a second run after a rest of minutes: what warmed has cooled, what ran in has not",
+        "bearing_coulomb": "the same speed early and late (plan survey)",
+    },
 )
 
 

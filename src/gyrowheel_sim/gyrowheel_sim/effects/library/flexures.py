@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from gyrowheel_sim.effects.declaration import Effect, Law
-from gyrowheel_sim.effects.library.common import CONES, LOW_PRESSURE, amplitude, symbols
-from gyrowheel_sim.effects.quantities import Omega, axis, theta, theta_rate
+import sympy as sp
+
+from gyrowheel_sim.effects.declaration import Effect, Law, LawState
+from gyrowheel_sim.effects.library.common import CONES, LOW_PRESSURE, amplitude, remembered, symbols
+from gyrowheel_sim.effects.quantities import Omega, axis, theta, theta_rate, z, z_ref
 
 (_q,) = symbols("q")
 
@@ -75,6 +77,42 @@ FLEXURE_HYSTERESIS = Effect(
     validity="flexures that bend once a revolution",
     source="structural damping; the average over a revolution is h (z'/Omega - i z)",
     look_alikes={"flexure_damping": "several speeds", "aero_cross": "several speeds"},
+)
+
+
+(_k,) = symbols("k")
+_largest = remembered("m")
+
+STIFFNESS_MEMORY = Effect(
+    name="stiffness_memory",
+    title="stiffness of the flexures changes with the largest tilt so far",
+    category="flexure",
+    sentence="A flexure that was bent far is softer afterwards: its stiffness depends on the largest tilt so far.",
+    directions=(
+        "The flexures are stiffer after they were bent far: the stiffness grows with the largest tilt so far.",
+        "The flexures are softer after they were bent far: the stiffness falls with the largest tilt so far.",
+    ),
+    laws=(Law("rotor_torque", _k * _largest / z_ref * z),),
+    # followed within a turn, in which every flexure was bent by the tilt
+    states=(LawState("m", "rad", sp.Max(sp.Abs(z) - _largest, 0) * Omega),),
+    coefficients=(
+        amplitude(
+            "k",
+            "N*m/rad",
+            "loss of stiffness by the reference tilt",
+            (0.002, 0.015),
+            0.1,
+            "assumed: 1.5 to 11 % of the stiffness",
+            signed=True,
+        ),
+    ),
+    validity="a joint that was at rest before the recording; it does not recover in it",
+    source="Mullins 1969, Softening of rubber by deformation; bedding of a clamp in proportion to the largest bending",
+    look_alikes={
+        "stiffness_error": "small tilts before and after the largest one (plan survey)",
+        "cubic_stiffness": "small tilts before and after the largest one (plan survey)",
+        "coil_tilt": "small tilts before and after the largest one (plan survey)",
+    },
 )
 
 

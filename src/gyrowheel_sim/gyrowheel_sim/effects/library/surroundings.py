@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.declaration import Effect, Law
-from gyrowheel_sim.effects.library.common import BALANCE, INVERT, YAW, amplitude, symbols
+from gyrowheel_sim.effects.declaration import Effect, Law, LawState
+from gyrowheel_sim.effects.library.common import (
+    BALANCE,
+    INVERT,
+    YAW,
+    amplitude,
+    constant,
+    remembered,
+    symbols,
+)
 from gyrowheel_sim.effects.quantities import home_x, home_y, theta_z, up, up_across, z, z_rate
 
 (_G,) = symbols("G")
@@ -99,6 +107,30 @@ EXTERNAL_DAMPING = Effect(
     source=BALANCE,
     look_alikes={
         "tilt_rotation": "holds at low speed: a turned sensor turns the holding torque, damping does not"
+    },
+)
+
+
+_F, _b = symbols("F", "b")
+_pull = remembered("s", complex=True)
+
+CABLE_FRICTION = Effect(
+    name="cable_friction",
+    title="friction of a cable, with a memory of the way",
+    category="environment",
+    sentence="A cable slips only after it was bent some way, so that its pull depends on the way to a tilt.",
+    laws=(Law("rotor_torque", -_F * _pull),),
+    states=(LawState("s", "1", (z_rate - _pull * sp.Abs(z_rate)) / _b, complex=True),),
+    coefficients=(
+        amplitude("F", "N*m", "torque of the cable once it slips", (0.0003, 0.002), 0.05),
+        constant("b", "rad", "tilt over which the pull builds up", 0.02, 0.01, (0.002, 0.2)),
+    ),
+    validity="motion of a hold below the noise of the readings relaxes the pull a little and is not seen",
+    source="Dahl 1968, A solid friction model, with the exponent 1 and a direction in the plane",
+    look_alikes={
+        "external_damping": "the same tilt reached from opposite sides (plan check): friction stays in a hold",
+        "fixed_torque": "the same tilt reached from opposite sides (plan check): a constant torque does not change",
+        "tilt_bias": "the same tilt reached from opposite sides (plan check): a zero error does not change",
     },
 )
 
