@@ -16,6 +16,7 @@ import numpy as np
 import psutil
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from gyrowheel.cli.app import app
 from gyrowheel.simulation.scenario import noise_seed
@@ -592,3 +593,20 @@ def test_catalogue_as_text(gyrowheel: Shell):
     assert "0.8 .. 1.3 mN·m" in shown
     assert "assumed: usual size" in shown
     assert "Confounders" in shown
+
+
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        ("gyrowheel dia", "diagnose"),
+        ("gyrowheel model sh", "show"),
+        ("gyrowheel diagnose --va", "--validate"),
+    ],
+)
+def test_a_shell_completes_verbs_and_options(words: str, wanted: str) -> None:
+    asked = {
+        "_GYROWHEEL_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    assert CliRunner().invoke(app, [], prog_name="gyrowheel", env=asked).output.split() == [wanted]

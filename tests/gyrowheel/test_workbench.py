@@ -231,6 +231,7 @@ def test_a_token_is_required_unless_the_address_is_loopback(
         ("redo", {}, "nothing to redo"),
         ("use", {"key": "0/drag", "from": "1", "until": "2", "use": "fitted"}, "is not open"),
         ("use", {"key": "0/drag", "from": "x", "until": "2", "use": "fitted"}, "from: 'x' is no number"),
+        ("other", {"name": "../x.yaml"}, "none is open to fit"),
         ("use_all", {"key": "0/drag"}, "is not open"),
         ("add_all", {}, "nothing is diagnosed"),
         ("remove", {"what": "windage"}, "windage"),
@@ -449,10 +450,38 @@ def test_residuals_are_what_is_measured_less_what_is_predicted(compared: Session
     # windage is no noise: its spectrum and its quantiles are far off
     assert max(spin["noise"]["power"]) > 10.0 * spin["noise"]["level"]
     assert spin["noise"]["white"][-1] > 3.0 * spin["noise"]["high"][-1]
-    assert [row["before"] for row in rows.values()] == [None] * len(rows)
+    assert [row["others"] for row in rows.values()] == [{}] * len(rows)
     compared.steps.append(replace(compared.step, model=gw.Model()))
     after = {row["title"]: row for row in pictures.found(compared)["residuals"]}
-    assert after["spin"]["before"] == spin["residual"]
+    assert after["spin"]["others"] == {"no effects": {"residual": spin["residual"], "chi2": spin["chi2"]}}
+    compared.steps.pop()
+
+
+def test_the_model_of_a_file_is_drawn_over_the_results(compared: Session, wheel: Wheel) -> None:
+    text = wheel.model.read_text(encoding="utf-8").replace("effects: {}", "effects: {windage: {w: 0.0013}}")
+    kept, shown = compared.step, pictures.found(compared)["residuals"]
+    file = write(wheel.model.parent / "colleague.yaml", text)
+    noted = write(wheel.model.parent / "notes.yaml", "names: no model\n")
+    try:
+        assert pictures.found(compared)["models"] == ["colleague.yaml"]
+        with pytest.raises(gw.InputError, match="no model file here"):
+            compared.other("notes.yaml")
+        compared.other("colleague.yaml")
+        compared.wait(240.0)
+    finally:
+        file.unlink()
+        noted.unlink()
+    assert compared.trouble is None
+    assert compared.step is kept
+    rows = {row["title"]: row for row in pictures.found(compared)["residuals"]}
+    assert rows["spin"]["others"].keys() == {"colleague.yaml"}
+    own = gw.compare(wheel.recording, gw.Model.load(write(file.with_name("again.yaml"), text)))
+    file.with_name("again.yaml").unlink()
+    np.testing.assert_allclose(
+        rows["spin"]["others"]["colleague.yaml"]["residual"], 1e3 * own.data.parts["spin"].values, rtol=1e-4
+    )
+    assert rows["spin"]["others"]["colleague.yaml"]["chi2"] < 0.1 * rows["spin"]["chi2"]
+    assert [row["residual"] for row in rows.values()] == [row["residual"] for row in shown]
 
 
 def test_noise_has_no_correlation_and_no_line_and_a_drift_has_both() -> None:

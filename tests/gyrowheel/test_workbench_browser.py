@@ -158,6 +158,7 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         press(enabled(first.locator("#part-verdict button[data-do=diagnose]")))
         expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")
         expect(second.locator("[data-verdict=effect]")).to_contain_text("windage")
+        expect(first.locator("#pane-missing .ranks")).to_contain_text("without windage")
         assert "falls" not in first.locator("#pane-error").inner_text()  # nothing is added yet
         go("where")
         expect(first.locator("#where canvas").first).to_be_visible()
@@ -265,6 +266,8 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         # add: the error on the unused recording falls to its noise
         press(enabled(first.locator("#part-verdict button[data-do=add_all]")))
         expect(first.locator("#part-model .card")).to_contain_text("windage")
+        expect(first.locator("#residual-others")).to_contain_text("no effects: χ²/N")  # drawn over it
+        assert faults(first) == []
         go("proof")
         expect(first.locator("#fall canvas").first).to_be_visible()
         assert in_sight(first.locator("#fall"))

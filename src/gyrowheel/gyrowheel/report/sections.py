@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from markupsafe import Markup
+
 from gyrowheel.recordings.page import integrity_text
 from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.formulas import is_pure, pretty, typeset
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from gyrowheel.models.api import Model
     from gyrowheel.recordings.api import Recording
     from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.residuals.error_table import ErrorRow
     from gyrowheel_recording.mislabelled import WrongSetup
@@ -127,6 +130,7 @@ def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
                 "evidence": [
                     cells.words(f"{place}.evidence.{n}") for n in range(len(cells.at(f"{place}.evidence")))
                 ],
+                "ranks": _ranks(effect, cells, place),
                 "ties": [
                     cells.shown(f"{place}.ties.{n}", tie_sentence(tie), "tie")
                     for n, tie in enumerate(effect.ties)
@@ -134,6 +138,34 @@ def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
             }
         )
     return items
+
+
+def _ranks(effect: EffectFinding, cells: Cells, place: str) -> list[dict[str, Any]]:
+    """Return the explanations by what χ² loses with each: the finding, its ties, its rivals, and no explanation."""
+    shown = [("found", effect.name, 0.0, Markup("0"), "")]
+    for n, tie in enumerate(effect.ties):
+        test = "none on this bench" if tie.separating_plan is None else f"plan {tie.separating_plan}"
+        if tie.expected_separation is not None:
+            test += f", expected Δχ² {tie.expected_separation:.0f}"
+        number = cells.digits(f"{place}.ties.{n}.delta_chi2", 1)
+        shown.append(("tie", tie.name, tie.delta_chi2, number, test))
+    first = len(cells.at(f"{place}.evidence")) - len(effect.rivals)  # their sentences are the last ones
+    for n, rival in enumerate(effect.rivals):
+        number = cells.shown(f"{place}.evidence.{first + n}", f"{rival.delta_chi2:.0f}", "rank")
+        shown.append(("rival", rival.name, rival.delta_chi2, number, "these recordings"))
+    number = cells.digits(f"{place}.delta_chi2", 0)
+    shown.append(("nothing", f"without {effect.name}", effect.delta_chi2, number, "these recordings"))
+    most = max(math.log1p(max(delta, 0.0)) for _, _, delta, _, _ in shown) or 1.0
+    return [
+        {
+            "kind": kind,
+            "name": name,
+            "delta": number,
+            "test": test,
+            "width": round(100.0 * math.log1p(max(delta, 0.0)) / most, 1),
+        }
+        for kind, name, delta, number, test in sorted(shown, key=lambda row: row[2])
+    ]
 
 
 def instruments(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:

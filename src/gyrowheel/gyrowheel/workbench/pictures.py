@@ -137,6 +137,7 @@ def found(session: Session) -> dict[str, Any]:
         "windows": windows.windows(session),
         "maps": windows.maps(session),
         "residuals": residuals(session),
+        "models": session.model_files(),
         "holds": holds(session),
         "events": events(session),
         "fall": fall(session),

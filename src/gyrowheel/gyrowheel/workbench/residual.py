@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,21 +27,34 @@ def residuals(session: Session) -> list[dict[str, Any]]:
     """Return each row of each channel: measured, predicted, residual with its noise, and whether it is noise.
 
     A row has a value a window, in the order of the windows; the residual and its noise are in a unit of their own.
-    ``before`` is the residual of the previous model in this session on the same windows, null without one.
+    ``others`` are the residuals of `other_models` on the same windows, by their titles.
     """
     found = session.step.comparison
     if found is None:
         return []
-    previous = session.previous
-    earlier = None if previous is None else previous.comparison
-    if earlier is not None and not _same_windows(found, earlier):
-        earlier = None
+    others = {title: own.data.parts for title, own in other_models(session).items()}
     rows = []
     for name, part in found.data.parts.items():
-        before = None if earlier is None else earlier.data.parts.get(name)
         for place in range(len(part.kind.rows)):
-            rows.append(_row(name, part, place, before) | {"noise": _noise(found, name, place)})
+            alike = {title: parts[name] for title, parts in others.items() if name in parts}
+            rows.append(_row(name, part, place, alike) | {"noise": _noise(found, name, place)})
     return rows
+
+
+def other_models(session: Session) -> dict[str, Comparison]:
+    """Return what can be drawn over the results of the model, the latest first: earlier and undone models, and files.
+
+    Each by the effects of its model, or the name of its file; only those with the same windows.
+    """
+    now, found = session.step, session.step.comparison
+    if found is None:
+        return {}
+    models: dict[str, Comparison] = {}
+    for step in (*reversed(session.steps), *reversed(session.undone)):
+        if step.model is not now.model and step.comparison is not None and step.ranges == now.ranges:
+            models.setdefault(" + ".join(step.model.effects) or "no effects", step.comparison)
+    models |= session.others
+    return {title: own for title, own in models.items() if _same_windows(found, own)}
 
 
 def _same_windows(one: Comparison, other: Comparison) -> bool:
@@ -49,7 +62,7 @@ def _same_windows(one: Comparison, other: Comparison) -> bool:
     return len(starts) == len(before) and bool(np.allclose(starts, before))
 
 
-def _row(name: str, part: Part, place: int, before: Part | None) -> dict[str, Any]:
+def _row(name: str, part: Part, place: int, others: Mapping[str, Part]) -> dict[str, Any]:
     kind = part.kind
     values = _side(part.values, place)
     unit = unit_for(float(np.median(np.abs(part.sigma))) or 1.0, kind.unit)
@@ -73,8 +86,16 @@ def _row(name: str, part: Part, place: int, before: Part | None) -> dict[str, An
         "measured_unit": whole.label,
         "residual": shown(values),
         "sigma": shown(part.sigma),
-        "before": None if before is None else shown(_side(before.values, place)),
+        "chi2": _chi2(part),
+        "others": {
+            title: {"residual": shown(_side(own.values, place)), "chi2": _chi2(own)}
+            for title, own in others.items()
+        },
     }
+
+
+def _chi2(part: Part) -> float:
+    return float(part.chi2.sum()) / max(part.rows, 1)
 
 
 def _side(values: NDArray[Any], place: int) -> Array:

@@ -356,6 +356,7 @@ class _Action(_Guarded):
             ),
             "use_all": lambda: session.use_all(given["key"]),
             "compare": session.compare,
+            "other": lambda: session.other(given["name"]),
             "diagnose": session.diagnose,
             "add": lambda: session.add(given["what"]),
             "add_all": session.add_all,

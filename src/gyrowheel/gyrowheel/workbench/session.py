@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,7 +28,7 @@ from gyrowheel.workbench.jobs import Jobs, Work
 from gyrowheel.workbench.library import ROLES, USES, Library, Opened, Range, Role, Use, with_range
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError, nearest
-from gyrowheel_core.files import disk_errors, new_folder
+from gyrowheel_core.files import disk_errors, new_folder, read_beginning
 from gyrowheel_core.locks import changing
 from gyrowheel_sim.effects import Effect
 
@@ -40,6 +41,7 @@ NO_BENCH = (
 #: The machine of the demonstration.
 _DEMONSTRATION = SimulatedBench(effect=("aero_cross",), machine=6)
 _LONGEST_NAME = 100  # bytes of the name of a model file
+_HEAD, _MOST_FILES = 4096, 100  # bytes that tell a model file, and how many files are looked at
 _PATIENCE = 30.0  # s in which an ended job must reach its next line
 
 
@@ -122,6 +124,7 @@ class Session(Jobs):
         self.kept = model  # in its file
         self.report: str | None = None  # on the latest diagnosis, once written
         self.table: tables.Draft | None = None
+        self.others: dict[str, Comparison] = {}  # of the models of files, by their names
         self.closed = False
         self.live = LiveBenches(self.changed)
         self._scratch: tempfile.TemporaryDirectory[str] | None = None
@@ -226,6 +229,31 @@ class Session(Jobs):
         """Compare the model with the opened recordings, and diagnose it."""
         self._data_of_one_machine()
         self._begin("diagnosing", "missing", self._diagnose)
+
+    def model_files(self) -> list[str]:
+        """Return the names of the other model files next to that of the model, or to the recordings."""
+        try:
+            files = sorted(own for own in self._folder.glob("*.yaml") if own != self.file and own.is_file())
+            heads = [(own.name, read_beginning(own, _HEAD)) for own in files[:_MOST_FILES]]
+        except (OSError, InputError):
+            return []
+        return [name for name, head in heads if re.search(rb"^bench:", head, re.MULTILINE)]
+
+    def other(self, name: str) -> None:
+        """Compare the model of another file with the fitted recordings, to be drawn over the results of the model."""
+        fitted, _ = self._data_of_one_machine()
+        if name not in (known := self.model_files()):
+            raise InputError(f"model: {name[:60]!r} is no model file here; {nearest(name, known)}")
+
+        def work(at: Work) -> None:
+            found = compare(fitted, Model.load(self._folder / name), progress=at.say)
+            at.change(lambda: self._take_other(name, found))
+
+        self._begin(f"comparing {name}", "residual", work)
+
+    def _take_other(self, name: str, found: Comparison) -> None:
+        self.others[name] = found
+        self.facts += 1
 
     def add(self, what: str, *, formula: bool = False) -> None:
         """Add an effect of the library, or a user-defined formula, to the model and fit it."""
@@ -439,7 +467,7 @@ class Session(Jobs):
 
         InputError for any name but that of a model file, or a file that exists and was neither opened nor saved here.
         """
-        folder = self.library.first if self.file is None else self.file.parent
+        folder = self._folder
         letters = all(c.isalnum() or c in "._-" for c in name) and len(name.encode()) <= _LONGEST_NAME
         if not name.endswith(".yaml") or not letters or not name[0].isalnum():
             raise InputError(
@@ -478,6 +506,11 @@ class Session(Jobs):
             self._scratch.cleanup()
 
     # --- within
+
+    @property
+    def _folder(self) -> Path:
+        """The folder of model files."""
+        return self.library.first if self.file is None else self.file.parent
 
     def _data(self) -> tuple[Sequence[Recording], Sequence[Recording]]:
         fitted = self.used("fitted")
@@ -536,7 +569,7 @@ class Session(Jobs):
 
     def _restart(self, closed: str = "") -> None:
         """Keep model and ranges alone: results belong to the recordings that they were found with."""
-        self.undone = []
+        self.undone, self.others = [], {}
         ranges = {key: own for key, own in self.step.ranges.items() if key != closed}
         self._keep([Step(self.step.model, ranges=ranges)])
 

@@ -11,6 +11,8 @@ let over = "time";
 let view = "over"; // or "noise"
 let line = null; // at the cursor, where time is drawn
 let picked = [];
+let hidden = null; // titles of other models that are not drawn; before the user chose, all but the latest of the session
+const SIGNS = [["cross", "✚", "--soft"], ["triangle", "▲", "#009E73"], ["square", "■", "#CC79A7"], ["diamond", "◆", "#E69F00"]];
 
 for (const button of at("residual-view").querySelectorAll("button")) {
   button.addEventListener("click", () => {
@@ -59,7 +61,8 @@ export function showResidual(again = false) {
   at("residual-row").value = String(row);
   at("residual-over").value = over;
   const own = rows[row];
-  const mark = JSON.stringify([own, over, view, over === "time" ? shown()?.key : null, over === "angle" ? picked : null]);
+  showModels(own);
+  const mark = JSON.stringify([own, drawnOthers(own), over, view, over === "time" ? shown()?.key : null, over === "angle" ? picked : null]);
   if (mark === drawn && !again) return;
   drawn = mark;
   line = null;
@@ -70,6 +73,41 @@ export function showResidual(again = false) {
   if (view === "noise") noise(own);
   else if (over === "angle") turn(rows);
   else against(own);
+}
+
+// Other models, each with the χ²/N of the channel and its sign; files of models that can be compared, too.
+function showModels(own) {
+  const titles = Object.keys(own?.others ?? {});
+  const files = (own && now.found.models.filter((name) => !titles.includes(name))) || [];
+  at("residual-models").hidden = !own || view !== "over" || over === "angle" || !(titles.length || files.length);
+  at("residual-files").hidden = !files.length;
+  const text = JSON.stringify([titles, files, own?.channel, titles.map((title) => own.others[title].chi2)]);
+  if (at("residual-models").dataset.shown === text) return;
+  at("residual-models").dataset.shown = text;
+  at("residual-file").replaceChildren(...files.map((name) => element("option", name)));
+  at("residual-others").replaceChildren(
+    ...titles.map((title, k) => {
+      const box = element("input", undefined, { type: "checkbox", checked: drawnOthers(own).includes(title) });
+      box.onchange = () => {
+        hidden = [...at("residual-others").querySelectorAll("input")].flatMap((each, n) => (each.checked ? [] : [titles[n]]));
+        showResidual();
+      };
+      const label = element("label");
+      const sign = element("span", SIGNS[k % SIGNS.length][1]);
+      sign.style.color = colourOf(k);
+      label.append(box, " ", sign, ` ${title}: χ²/N ${figures(own.others[title].chi2)}`);
+      return label;
+    }),
+  );
+}
+const figures = (value) => String(Number(value.toPrecision(3)));
+function colourOf(k) {
+  const colour = SIGNS[k % SIGNS.length][2];
+  return colour.startsWith("--") ? css(colour) : colour;
+}
+function drawnOthers(own) {
+  const titles = Object.keys(own?.others ?? {});
+  return titles.filter((title, k) => (hidden ? !hidden.includes(title) : k === 0 || now.found.models.includes(title)));
 }
 
 function figure(options) {
@@ -96,16 +134,18 @@ function against(own) {
   const column = (values) => order.map((k) => values[k]);
   const x = column(w.over[over]);
   const nothing = order.map(() => NaN);
+  const others = Object.entries(own.others);
   const source = new Bokeh.ColumnDataSource({
     data: {
       x, residual: column(own.residual), low: order.map((k) => -own.sigma[k]), high: order.map((k) => own.sigma[k]),
       measured: own.measured ? column(own.measured) : nothing, predicted: own.predicted ? column(own.predicted) : nothing,
-      before: own.before ? column(own.before) : nothing, marker: order.map((k) => (w.noisy[k] ? "x" : "circle")),
+      ...Object.fromEntries(others.map(([title, each]) => [`of ${title}`, column(each.residual)])), marker: order.map((k) => (w.noisy[k] ? "x" : "circle")),
     },
   });
   const range = new Bokeh.DataRange1d();
   const title = now.found.maps.find((each) => each.variable === over).title;
-  const above = figure({ x_range: range, title: `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
+  // what is left gets most of the room
+  const above = figure({ sizing_mode: "stretch_width", height: 70, x_range: range, title: `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
   above.scatter({ field: "x" }, { field: "measured" }, { source, fill_color: one, ...sign(7) });
   above.scatter({ field: "x" }, { field: "predicted" }, { source, marker: "x", ...sign(9), line_color: other, line_width: 2 });
   const below = figure({ x_range: range, title: `residual, ${own.unit}, on its noise of ±1 σ`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
@@ -113,7 +153,11 @@ function against(own) {
   if (over === "time") below.varea({ field: "x" }, { field: "low" }, { field: "high" }, { source: band, fill_color: css("--soft"), fill_alpha: 0.18 });
   below.segment({ field: "x" }, { field: "low" }, { field: "x" }, { field: "high" }, { source: band, line_color: css("--soft"), line_alpha: 0.6 });
   below.add_layout(new Bokeh.Span({ location: 0, dimension: "width", line_color: css("--soft") }));
-  if (own.before) below.scatter({ field: "x" }, { field: "before" }, { source, marker: "cross", ...sign(9), line_color: css("--soft"), line_width: 1.5 });
+  others.forEach(([title], k) => {
+    if (!drawnOthers(own).includes(title)) return;
+    const colour = colourOf(k);
+    below.scatter({ field: "x" }, { field: `of ${title}` }, { source, marker: SIGNS[k % SIGNS.length][0], ...sign(8), fill_color: colour, fill_alpha: 0.6, line_color: colour, line_width: 1.5 });
+  });
   below.scatter({ field: "x" }, { field: "residual" }, { source, marker: { field: "marker" }, ...sign(7), fill_color: one, line_color: one });
   below.below[0].axis_label = title;
   if (over === "time") {
@@ -126,7 +170,7 @@ function against(own) {
   const beyond = order.filter((k) => Math.abs(own.residual[k]) > own.sigma[k]).length;
   at("residual-said").textContent =
     `${beyond} of ${order.length} windows lie beyond their noise of ±1 σ; of noise alone about ${Math.round(0.317 * order.length)} do.` +
-    (own.before ? " Grey: before the last change of the model." : "");
+    (drawnOthers(own).length ? ` Dots: the model as it is, χ²/N ${figures(own.chi2)}.` : "");
 }
 
 // The residual torque of the coils over a turn of the shaft, from its parts once and twice a turn, in the chosen windows or in all.
