@@ -142,19 +142,21 @@ def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
 
 def _ranks(effect: EffectFinding, cells: Cells, place: str) -> list[dict[str, Any]]:
     """Return the explanations by what χ² loses with each: the finding, its ties, its rivals, and no explanation."""
-    shown = [("found", effect.name, 0.0, Markup("0"), "")]
+    shown = [("found", effect.name, 0.0, Markup("–"), Markup(""))]
     for n, tie in enumerate(effect.ties):
         test = "none on this bench" if tie.separating_plan is None else f"plan {tie.separating_plan}"
         if tie.expected_separation is not None:
             test += f", expected Δχ² {tie.expected_separation:.0f}"
         number = cells.digits(f"{place}.ties.{n}.delta_chi2", 1)
-        shown.append(("tie", tie.name, tie.delta_chi2, number, test))
+        shown.append(
+            ("tie", tie.name, tie.delta_chi2, number, cells.shown(f"{place}.ties.{n}", test, "test"))
+        )
     first = len(cells.at(f"{place}.evidence")) - len(effect.rivals)  # their sentences are the last ones
     for n, rival in enumerate(effect.rivals):
         number = cells.shown(f"{place}.evidence.{first + n}", f"{rival.delta_chi2:.0f}", "rank")
-        shown.append(("rival", rival.name, rival.delta_chi2, number, "these recordings"))
+        shown.append(("rival", rival.name, rival.delta_chi2, number, Markup("these recordings")))
     number = cells.digits(f"{place}.delta_chi2", 0)
-    shown.append(("nothing", f"without {effect.name}", effect.delta_chi2, number, "these recordings"))
+    shown.append(("nothing", f"without {effect.name}", effect.delta_chi2, number, Markup("these recordings")))
     most = max(math.log1p(max(delta, 0.0)) for _, _, delta, _, _ in shown) or 1.0
     return [
         {
