@@ -34,6 +34,10 @@ LARGE: EffectValues = {
     "winding_heating": {"a": 0.012},
     "coil_inductance": {"t_L": 4.0e-4},
     "windage_tilt": {"w": -0.0005, "n": 1.48},
+    # their time constants are longer than these plans
+    "stiffness_memory": {"k": 0.025},
+    "grease_warming": {"v": 1.5e-5, "tau": 60.0},
+    "magnet_warming": {"a": 0.01, "tau": 60.0},
 }
 #: Looked for again once it is in the model; the others are a study.
 AGAIN = ("aero_cross", "cable_friction")

@@ -70,6 +70,11 @@ MAP_WARMER: Final = 3.0
 #: Scale of a drift from which on a map is tried in its place. Lower costs time, higher lets a drift pass for a torque.
 DRIFT_OR_MAP: Final = 2.0
 
+#: Least share of what effects of an instant leave that a law with a memory, of usual time constants, must explain
+#: before it is tried in full. Lower costs time where events or forms were found, higher misses laws of other time
+#: constants.
+MEMORY_SHARE: Final = 0.2
+
 # --- events and shapes of drifts ---
 
 #: Gain of an event beyond the largest one by chance among all times. Lower invents events in quiet recordings,

@@ -14,13 +14,14 @@ from gyrowheel_analysis.criteria import (
     CHI2_RANGE,
     DRIFT_OR_MAP,
     EVENT_GAIN,
+    MEMORY_SHARE,
     TIE_LOSS,
 )
 from gyrowheel_analysis.diagnosis.event_dating import Found
 from gyrowheel_analysis.diagnosis.events import explain
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
-from gyrowheel_analysis.diagnosis.selection import Progress, Selection, rank, select
+from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, settled
 from gyrowheel_analysis.fitting.fit import Fit, memory_terms
 from gyrowheel_analysis.fitting.preparation import Prepared
@@ -75,7 +76,7 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     recordings likelier than all that explains them without it; a free form must be likelier than the law.
     """
     found = _explained(first, recordings, progress)
-    if not (_leaves_something(found) or _lags(found)):
+    if not ((_leaves_something(found) and _remembers(found)) or _lags(found)):
         return found
     if progress:
         progress("comparing with laws that have a memory")
@@ -105,6 +106,18 @@ def _leaves_something(found: Explanation) -> bool:
         or max(found.problem.noise.scales.values(), default=1.0) > DRIFT_OR_MAP
         or lack_of_fit(found.problem, found.best) > CHI2_RANGE
     )
+
+
+def _remembers(found: Explanation) -> bool:
+    """Whether a law with a memory may explain some of what the effects of an instant leave, or the model alone."""
+    problem = found.weighed.problem
+    terms = memory_terms(problem.bench)
+    for known in dict.fromkeys(((), found.selection.best.terms)):
+        fit = problem.fit(known)
+        least = max(ACCEPTED_GAIN_FURTHER, MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem)))
+        if any(gain > least for gain, _ in rank(problem, fit, terms)):
+            return True
+    return False
 
 
 def _cost(found: Explanation) -> float:
