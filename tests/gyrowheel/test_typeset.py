@@ -52,8 +52,8 @@ def test_a_law_is_typeset(formula: str, shown: str) -> None:
 def test_every_law_of_the_library_is_typeset_with_all_its_symbols() -> None:
     for effect in registry().values():
         found = laws(effect.formula)
-        assert len(found) == len(effect.laws), effect.name
-        for law, shown in zip(effect.laws, found, strict=True):
+        assert len(found) == len(effect.laws) + len(effect.states), effect.name
+        for law, shown in zip(effect.laws, found, strict=False):
             assert shown[0].text == in_words(law.target)
             letters = {part.text for part in shown.iter("mi")}
             single = {s.name for s in law.expression.free_symbols if re.fullmatch("[A-Za-z]", s.name)}

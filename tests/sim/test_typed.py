@@ -22,6 +22,7 @@ def values(effect: Effect) -> dict[str, complex]:
     """Return what the laws of an effect give at some instant, by target; coefficients differ from one another."""
     rng = np.random.default_rng(5)
     instant = {name: rng.uniform(0.5, 2.0) for name in QUANTITIES} | {"z": 0.3 + 0.2j, "z_rate": -0.4 + 0.1j}
+    instant |= {state.name: 0.7 for state in effect.states}
     given = instant | {c: 0.6 + 0.13 * k for k, c in enumerate(sorted(x.name for x in effect.coefficients))}
     result: dict[str, complex] = {}
     for index, law in enumerate(effect.laws):
@@ -41,8 +42,11 @@ def test_one_line_declarations_are_read_back(effect: Effect) -> None:
 
 @pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)
 def test_displayed_formulas_can_be_typed(effect: Effect) -> None:
-    """Laws as the terminal prints them; units follow, only shapes must have their values."""
-    shapes = "".join(f"; {c.name} = {c.shape} ± {c.shape_uncertainty}" for c in effect.shapes)
+    """Laws as the terminal prints them; units follow, only shapes must have their values, and of states their units."""
+    shapes = "".join(
+        f"; {c.name} = {c.shape} ± {c.shape_uncertainty}{f' [{c.unit}]' * bool(effect.states)}"
+        for c in effect.shapes
+    )
     again = typed_effect(plain(pretty(effect.formula)) + shapes, name="again")
     assert values(again) == pytest.approx(values(effect), rel=1e-12)
     declared = {c.name: c.unit for c in effect.coefficients}

@@ -26,7 +26,7 @@ from gyrowheel_recording.mapping.map_file import (
 from gyrowheel_recording.mapping.own_rows import interpolated, sample_rows
 from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
 from gyrowheel_recording.mapping.table_file import read_columns
-from gyrowheel_recording.mislabelled import new_rows, renumbered
+from gyrowheel_recording.mislabelled import NOT_HELD, new_rows, renumbered
 from gyrowheel_recording.mislabelled.blocks import NAMES
 from gyrowheel_recording.tables import Column, Grid
 
@@ -261,12 +261,9 @@ class Table:
             for name, source in self._map.columns.items()
             if name in NAMES and source.column and not source.pulses
         }
-        try:
-            taken = np.flatnonzero(new_rows(columns, numbers, every))
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from None
+        taken = np.flatnonzero(new_rows(columns, numbers, every))
         if len(taken) < 2:
-            raise InputError(f"{self.path}: {len(taken)} rows by `every: {every:g}`; allowed: 2 or more")
+            raise InputError(f"{self.path}: {NOT_HELD.format(every=f'{every:g}')}")
         self._columns = {name: column.take(pa.array(taken)) for name, column in self._columns.items()}
         self._time, self._taken = self._time[taken], self._taken[taken]
         self.remarks.append(

@@ -127,6 +127,7 @@ class WrongSetup:
 _ANGLE: Final = "spin_angle"
 _LONGEST_HELD: Final = 1000  # samples
 _OFTEN: Final = 1.05  # times as many changes as a held reading can have show that it is another one
+NOT_HELD: Final = "every: {every}: no reading is new in one of so many samples only; leave `every` out"
 _SELDOM: Final = 0.02  # of them: fewer changes are those of a reading at rest
 
 
@@ -211,6 +212,8 @@ def corrected(samples: NDArray[Any], cure: Fix) -> NDArray[Any]:
         result[name] = math.nan
     if cure.every > 1:
         taken = new_rows({name: samples[name] for name in NAMES}, sequence, cure.every)
+        if not taken.any():
+            raise InputError(NOT_HELD.format(every=f"{cure.every:g}"))
         keep &= taken
         result["sequence"][taken] = renumbered(sequence[taken], cure.every)
     if not keep.any():
@@ -223,7 +226,7 @@ def new_rows(columns: Mapping[str, Any], numbers: NDArray[np.int64], every: floa
 
     `columns` are readings by name; the one that is held shows the rows. `numbers` are those of the samples. A new value
     that equals the last one does not show: where a value stays longer, rows between are taken at the usual distance.
-    Raises InputError where no reading is held so long.
+    None where no reading is held so long.
     """
     shown: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
     most = _OFTEN * float(numbers[-1] - numbers[0] + 1) / every if len(numbers) else 0.0
@@ -231,10 +234,8 @@ def new_rows(columns: Mapping[str, Any], numbers: NDArray[np.int64], every: floa
         changed = 1 + np.flatnonzero(np.diff(np.asarray(columns[name], dtype=np.float64)) != 0.0)
         if len(shown) < len(changed) <= most:
             shown = numbers[changed]
-    if len(shown) < _SELDOM * most:
-        raise InputError(
-            f"every: {every:g}: no reading is new in one of so many samples only; leave `every` out"
-        )
+    if len(shown) <= _SELDOM * most:
+        return np.zeros(len(numbers), dtype=np.bool_)
     ends = np.r_[numbers[0] - 1, shown, numbers[-1] + 1]
     places: list[NDArray[Any]] = [shown]
     for at in np.flatnonzero(np.diff(ends) > 1.5 * every):

@@ -210,7 +210,7 @@ def _cure(
     # with fewer rows the angle is ambiguous, and what turns with the rotor may be taken for what stands still
     if every * float(np.median(np.diff(time))) * fastest < _SLOWEST:
         taken = new_rows({name: readings[name] for name in rest}, numbers, every)
-        if all(_new(readings[name], taken) for name in rest):
+        if taken.any() and all(_new(readings[name], taken) for name in rest):
             return Fix(every=every, without=without)
     left = absent | held.keys()
     if left.isdisjoint(_TILTS) and not left >= {"spin_angle", "spin_rate"} and not left >= _TORQUES:
