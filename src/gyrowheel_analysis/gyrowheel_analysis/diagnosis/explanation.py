@@ -88,7 +88,7 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
 
 
 def _lags(found: Explanation) -> bool:
-    """Whether a law with a memory that resembles a found effect would explain more of the rows."""
+    """Whether a law with a memory that resembles an effect that was found would explain more than it does."""
     names = {term.name for term in found.best.terms}
     alike = [
         t
@@ -99,7 +99,7 @@ def _lags(found: Explanation) -> bool:
 
 
 def _leaves_something(found: Explanation) -> bool:
-    """Whether an explanation needs forms or events, is none, or leaves a drift that may be anything."""
+    """Whether an explanation needs a form or an event, leaves an error, or needs a drift large enough to hide a law."""
     return (
         found.proposal is not None
         or bool(found.happened or found.laws)

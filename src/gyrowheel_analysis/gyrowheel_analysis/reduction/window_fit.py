@@ -118,10 +118,10 @@ def fit_window(
     )
     tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
     tail = _more(x, design, gram, left[:, _TILT], degree) / (2.0 * tilt_noise**2)
-    turned_tail = _more(x, turning, turning_gram, beside[:, 0], smooth)
+    angle_tail = _more(x, turning, turning_gram, beside[:, 0], smooth)
     unsettled = (
         tail > UNSETTLED_TILT
-        or turned_tail > UNSETTLED_ANGLE * angle_noise**2
+        or angle_tail > UNSETTLED_ANGLE * angle_noise**2
         or np.mean(np.abs(left[:, _CURRENT]) ** 2) - 2.0 * abs(current_ripple) ** 2
         > (RESTLESS_CURRENT * current_noise) ** 2
         or _sharp(left[:, _TILT], tilt_noise)
@@ -132,14 +132,14 @@ def fit_window(
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
-    outlying = _outlier_factors(left, beside[:, 0], noise)
-    if any(part.max() > 1.0 for part in outlying.values()):
+    factors = _outlier_factors(left, beside[:, 0], noise)
+    if any(part.max() > 1.0 for part in factors.values()):
         # a burst at an end of the window has more weight in a change from end to end than in the mean
-        change_variance *= _weighed(RISE @ gram[:degree] @ design.T, outlying["tilt_noise"])
-        burst = _weighed(slope @ turning_gram[:smooth] @ turning.T, outlying["spin_angle_noise"])
-        # the loop answers bursts of the speed: the rest of the motion shows in what further terms explain
-        slope_variance *= max(burst, turned_tail / angle_noise**2)
-        noise = noise * np.sqrt([outlying[name].mean() for name in READING_NOISES])
+        change_variance *= _weighed(RISE @ gram[:degree] @ design.T, factors["tilt_noise"])
+        burst = _weighed(slope @ turning_gram[:smooth] @ turning.T, factors["spin_angle_noise"])
+        # the loop responds to bursts of the speed: further terms show that motion
+        slope_variance *= max(burst, angle_tail / angle_noise**2)
+        noise = noise * np.sqrt([factors[name].mean() for name in READING_NOISES])
     spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
     if data.summed and "spin_rate" not in data.absent:
         # the integral of the speed is a random walk by its noise: the polynomial is fitted to the speed itself
