@@ -17,8 +17,8 @@ BIN := .venv/bin
 DONE := .venv/.done
 # Errors alone: the warnings of pip are about the indexes and caches of the machine.
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check --no-input
-# uv takes half of the time of pip, but reads none of its settings: pip installs where an index or a proxy is set, or where
-# uv fails.
+# uv takes half of the time of pip, but reads none of its settings: pip installs where an index or a proxy is set, and where
+# uv fails, and reports what fails then.
 LOCKED = $(PIP) install --require-hashes --no-deps --requirement
 say = @printf '%s\n' '$(1)'
 # What begins each step that installs: two at a time would write into each other, and pip refuses to replace what it was
@@ -67,8 +67,9 @@ $(DONE)/venv:
 $(DONE)/requirements: requirements.lock | $(DONE)/venv
 	$(call say,installing the packages of requirements.lock (about a minute))
 	@$(alone); rm -f $(DONE)/venv; awk '!/^ / {uv = /^uv==/} uv' $< > $(DONE)/uv; $(LOCKED) $(DONE)/uv; \
-	    if $(PIP) config list | grep -Eq '\.(index-url|no-index|proxy)=' || ! $(BIN)/uv pip --quiet --no-config install \
-	        --python $(BIN)/python --compile-bytecode --require-hashes --no-deps --requirement $<; then $(LOCKED) $<; fi; \
+	    if $(PIP) config list | grep -Eq '\.(index-url|no-index|proxy)=' || \
+	        ! $(BIN)/uv pip --quiet --no-config --system-certs install --python $(BIN)/python --compile-bytecode \
+	        --require-hashes --no-deps --requirement $< 2>/dev/null; then $(LOCKED) $<; fi; \
 	    touch $@; pwd -P > $(DONE)/venv
 
 $(DONE)/msgs: $(MSGS_FILES) $(DONE)/requirements
