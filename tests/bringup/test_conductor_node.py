@@ -302,6 +302,7 @@ def test_a_wheel_that_does_not_follow_ends_the_plan_whoever_controls_it(
     client = Client(bystander)
     if by is topics.MEASUREMENT:  # without a clock: the samples tell the time
         bystander.node.destroy_publisher(client.clock)
+    bystander.spin_until(shown.get_subscription_count)  # a plan waits for the time for a short while only
     plan = "schema: 1\nname: still\nsegments:\n  - {spin_rpm: 1000, tilt_deg: [0, 0], hold_s: 5}\n"
     now, spin = 0, 360.0
 
