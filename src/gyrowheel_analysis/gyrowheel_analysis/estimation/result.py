@@ -23,7 +23,7 @@ from gyrowheel_core.errors import InputError, nearest
 Array = NDArray[np.float64]
 
 #: Step of central differences in standard errors.
-STEP = 0.1
+STEP = 0.05
 #: Standard errors to which the ends of a profile are searched.
 _REACH = 30.0
 
