@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 _INDENT = (0, 0, 0, 2)
 #: Correlation from which on a pair is named, pairs and fixed parameters that are named at most.
-_CORRELATED = 0.8
+CORRELATED = 0.8
 _MOST_PAIRS = 5
 _MOST_FIXED = 6
 
@@ -71,29 +72,36 @@ def _facts(fit: Estimation) -> Iterator[str]:
         if fit.parameters[name].at_bound:
             low, high = fit.parameters[name].bounds
             yield f"{name} lies at a bound ({short(low, 3)} .. {short(high, 3)}); its standard error means little"
-    values = np.abs(np.triu(fit.correlation.values, 1))
-    for flat in np.argsort(-values, axis=None)[:_MOST_PAIRS]:
-        i, j = np.unravel_index(flat, values.shape)
-        if values[i, j] >= _CORRELATED:
-            number = decimal(float(fit.correlation.values[i, j]), 3, sign=True)
-            yield f"correlation of {fit.names[i]} and {fit.names[j]}: {number}"
+    for first, second, r in islice(strongest_pairs(fit), _MOST_PAIRS):
+        if abs(r) >= CORRELATED:
+            yield f"correlation of {first} and {second}: {decimal(r, 3, sign=True)}"
+
+
+def strongest_pairs(fit: Estimation) -> Iterator[tuple[str, str, float]]:
+    """Yield all pairs of free parameters with their correlation, the strongest first."""
+    values = fit.correlation.values
+    pairs = np.triu_indices(len(values), 1)
+    for k in np.argsort(-np.abs(values[pairs])):
+        i, j = pairs[0][k], pairs[1][k]
+        yield fit.names[i], fit.names[j], float(values[i, j])
 
 
 def estimate_of(own: Parameter) -> str:
     """Return an estimate with its standard error and unit."""
-    return _value(own, own.value, own.standard_error)
+    return value_with_error(own, own.value, own.standard_error)
 
 
-def _value(own: Parameter, value: float, error: float) -> str:
+def value_with_error(own: Parameter, value: float, error: float) -> str:
+    """Return a value of a parameter with its error, in the unit in which people read it."""
     effect, _, key = own.name.partition(".")
     return with_error(value, error, own.unit, pure=is_pure(effect, key) if key else True)
 
 
 def _prior(own: Parameter) -> str:
-    return "–" if own.prior is None else _value(own, own.prior.mean, own.prior.deviation)
+    return "–" if own.prior is None else value_with_error(own, own.prior.mean, own.prior.deviation)
 
 
 def _data(own: Parameter) -> str:
     if own.prior is None:
         return "the same"
-    return "not determined" if own.data is None else _value(own, *own.data)
+    return "not determined" if own.data is None else value_with_error(own, *own.data)

@@ -13,7 +13,7 @@ from gyrowheel.drag_comparison.page import agreement_sentence
 from gyrowheel.drag_comparison.picture import tilts
 from gyrowheel.show.figure import columns
 from gyrowheel.show.sentences.findings import event_sentence
-from gyrowheel.workbench import windows
+from gyrowheel.workbench import coefficients, windows
 from gyrowheel.workbench.library import ROLES, Envelope, Opened
 from gyrowheel.workbench.residual import residuals
 from gyrowheel.workbench.session import Session
@@ -138,6 +138,7 @@ def found(session: Session) -> dict[str, Any]:
         "maps": windows.maps(session),
         "residuals": residuals(session),
         "models": session.model_files(),
+        "estimates": coefficients.shown(session.step.estimates),
         "holds": holds(session),
         "events": events(session),
         "fall": fall(session),

@@ -360,6 +360,8 @@ class _Action(_Guarded):
             "diagnose": session.diagnose,
             "add": lambda: session.add(given["what"]),
             "add_all": session.add_all,
+            "estimate": session.estimate,
+            "profile": lambda: session.profile(given["name"]),
             "remove": lambda: session.remove(given["what"]),
             "formula": lambda: _checked(session, given["text"]),
             "region": lambda: windows.region(session, _numbers(given["windows"])),

@@ -24,6 +24,7 @@ from gyrowheel.recordings.api import Recording, noted_machine
 from gyrowheel.report.api import Report
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
+from gyrowheel.workbench.coefficients import Estimates
 from gyrowheel.workbench.jobs import Jobs, Work
 from gyrowheel.workbench.library import ROLES, USES, Library, Opened, Range, Role, Use, with_range
 from gyrowheel_analysis.drag.estimate import Estimate
@@ -54,6 +55,7 @@ class Step:
     #: Of the opened recordings, measured and predicted, by the key of the recording.
     holds: Mapping[str, tuple[Estimate, ...]] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
+    estimates: Estimates | None = None  # of all parameters, once asked for
     #: Ranges of opened recordings with a use of their own, by the key of the recording: those of the results.
     ranges: Mapping[str, tuple[Range, ...]] = field(default_factory=dict)
 
@@ -250,6 +252,46 @@ class Session(Jobs):
             at.change(lambda: self._take_other(name, found))
 
         self._begin(f"comparing {name}", "residual", work)
+
+    def missing(self) -> list[str | Effect]:
+        """Return all that the diagnosis found; empty where it cannot decide or finds nothing."""
+        try:
+            return [] if self.step.diagnosis is None else list(effects_to_add(self.step.diagnosis))
+        except InputError:
+            return []
+
+    def estimate(self) -> None:
+        """Estimate all parameters of the model, with what the diagnosis found, from recordings and stated values."""
+        fitted, _ = self._data_of_one_machine()
+        missing = self.missing()
+
+        def work(at: Work) -> None:
+            model = self.step.model
+            if missing:
+                model = model.add(missing, fit=fitted, progress=at.say)
+            at.say("estimating all parameters")
+            fit = model.fit(fitted, progress=at.say)
+            added = tuple(name for name in model.effects if name not in self.step.model.effects)
+            at.change(lambda: self._take_estimates(Estimates(fit, added)))
+
+        self._begin("estimating", "coefficients", work)
+
+    def profile(self, name: str) -> None:
+        """Compute the profile of an estimated parameter."""
+        own = self.step.estimates
+        if own is None:
+            raise InputError("parameters: nothing is estimated yet")
+        own.fit.free(name)
+
+        def work(at: Work) -> None:
+            found = own.profiled(name, at.advancing("fitting all others"))
+            at.change(lambda: self._take_estimates(replace(own, profiles={**own.profiles, name: found})))
+
+        self._begin(f"profile of {name}", "coefficients", work)
+
+    def _take_estimates(self, own: Estimates) -> None:
+        self.steps = [*self.steps[:-1], replace(self.step, estimates=own)]
+        self.facts += 1
 
     def _take_other(self, name: str, found: Comparison) -> None:
         self.others[name] = found

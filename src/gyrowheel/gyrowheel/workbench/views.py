@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from gyrowheel.comparison.page import verdict as comparison_verdict
-from gyrowheel.models.api import effects_to_add
 from gyrowheel.recordings.page import integrity_text
 from gyrowheel.report import sections
 from gyrowheel.show.figure import PANELS
@@ -32,7 +31,6 @@ from gyrowheel_sim.effects.quantities import QUANTITIES
 if TYPE_CHECKING:
     import jinja2
 
-    from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_recording.bags import RecordingInfo
 
 #: Number of recordings that the page lists, latest first.
@@ -284,7 +282,7 @@ def _next(session: Session) -> dict[str, Any]:
         return {"words": words, "do": "diagnose", "label": "Compare and diagnose"}
     if found.setup:
         return {"words": "Correct the recording as it says under What is missing, and open it again."}
-    if all_of := _to_add(found):
+    if all_of := _to_add(session):
         what, label = ("it", f"Add {all_of[0]}") if len(all_of) == 1 else ("them", f"Add all {len(all_of)}")
         return {"words": f"Add {what} to the model.", "do": "add_all", "label": label}
     if found.map is not None:
@@ -304,12 +302,9 @@ def _next(session: Session) -> dict[str, Any]:
     return {"words": "The report is written.", "link": "/report", "label": "Open the report"}
 
 
-def _to_add(found: Diagnosis) -> list[str]:
-    """Return the names of all that a diagnosis found; empty where it cannot decide or finds nothing."""
-    try:
-        return [item if isinstance(item, str) else item.name for item in effects_to_add(found)]
-    except InputError:
-        return []
+def _to_add(session: Session) -> list[str]:
+    """Return the names of all that the diagnosis found."""
+    return [item if isinstance(item, str) else item.name for item in session.missing()]
 
 
 def _bar(session: Session) -> dict[str, Any]:
@@ -334,7 +329,7 @@ def _missing(session: Session) -> dict[str, Any]:
         ],
         "busy": session.job is not None,
         "added": model.added is not None,
-        "all": [] if result is None else _to_add(result),
+        "all": _to_add(session),
         "effects": sorted(name for name in registry() if name not in inside),
     }
     if result is None:

@@ -9,8 +9,8 @@ const FINE = 0.03; // of the room, a step of a border by key
 const STEPS = {
   look: [[3, [1, "signals"]], [2, [1, "rotor"], [1, "holds"]]],
   where: [[1, [3, "where"], [2, "map"]], [1, [1, "signals"], [1, "chosen", "residual"]]],
-  what: [[1, [1, "missing", "formula"]], [1, [1, "residual", "where", "map"], [1, "signals", "chosen"]]],
-  proof: [[1, [1, "error"], [1, "holds"]], [1, [1, "residual"], [1, "where", "signals"]]],
+  what: [[1, [1, "missing", "coefficients", "formula"]], [1, [1, "residual", "where", "map"], [1, "signals", "chosen"]]],
+  proof: [[1, [1, "error"], [1, "holds", "coefficients"]], [1, [1, "residual"], [1, "where", "signals"]]],
 };
 const sections = Object.fromEntries([...at("store").children].map((pane) => [pane.id.slice("pane-".length), pane]));
 const titles = Object.fromEntries(Object.entries(sections).map(([name, pane]) => [name, pane.dataset.title]));

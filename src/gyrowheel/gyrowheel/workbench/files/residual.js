@@ -126,9 +126,9 @@ function sign(size) {
 // Measured and predicted above, below the residual on its noise, over a variable.
 function against(own) {
   const w = windows();
-  const key = shown()?.key;
+  // over time, the windows of the recording that is shown, or of the first one that has any
+  const key = w.recording.includes(shown()?.key) ? shown().key : w.recording[0];
   const [one, other] = colours();
-  // over time, the windows of the recording that is shown
   const order = [...own.residual.keys()].filter((k) => over !== "time" || w.recording[k] === key);
   order.sort((a, b) => w.over[over][a] - w.over[over][b]);
   const column = (values) => order.map((k) => values[k]);
@@ -169,6 +169,7 @@ function against(own) {
   link("residual", source, order);
   const beyond = order.filter((k) => Math.abs(own.residual[k]) > own.sigma[k]).length;
   at("residual-said").textContent =
+    (over === "time" && key !== shown()?.key ? `Of ${now.state.signals.find((each) => each.key === key)?.name}: ` : "") +
     `${beyond} of ${order.length} windows lie beyond their noise of ±1 σ; of noise alone about ${Math.round(0.317 * order.length)} do.` +
     (drawnOthers(own).length ? ` Dots: the model as it is, χ²/N ${figures(own.chi2)}.` : "");
 }

@@ -72,6 +72,15 @@ export function remembered(name) {
 export const colours = () => (dark.matches ? SIGHT : COLOURS);
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
+// Black or white, whichever stands out more from a colour "rgb(r, g, b)".
+export function legible(colour) {
+  const [r, g, b] = colour.match(/[0-9.]+/g).map((part) => {
+    const value = Number(part) / 255;
+    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+  });
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000000" : "#ffffff";
+}
+
 // A number in digits, without the sign of what is rounded to nothing.
 export const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "");
 

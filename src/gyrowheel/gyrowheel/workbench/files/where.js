@@ -1,6 +1,6 @@
 // Where the model fails: windows in the tilt plane and over a variable, every channel over every variable, linked.
 
-import { P, at, css, dark, element, hear, now, put, themed } from "./shared.js";
+import { P, at, css, dark, element, hear, legible, now, put, themed } from "./shared.js";
 import { channel, current, link, pick, setChannel, walk, windows } from "./windows.js";
 
 const WORST = 1000; // χ²/N at the end of the colours
@@ -13,14 +13,6 @@ let ring = null; // around the window at the cursor
 function shade(value) {
   const part = Math.min(Math.max(Math.log10(Math.max(value, 1)) / Math.log10(WORST), 0), 1);
   return dark.matches ? `hsl(${48 - 40 * part} ${25 + 65 * part}% ${18 + 47 * part}%)` : `hsl(${40 - 35 * part} 90% ${97 - 55 * part}%)`;
-}
-// Black or white, whichever stands out more from a colour "rgb(r, g, b)".
-function legible(colour) {
-  const [r, g, b] = colour.match(/[0-9.]+/g).map((part) => {
-    const value = Number(part) / 255;
-    return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
-  });
-  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000000" : "#ffffff";
 }
 const short = (value) => (value >= 9.95 ? value.toFixed(0) : value.toFixed(1));
 

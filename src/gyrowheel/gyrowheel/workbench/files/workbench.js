@@ -8,6 +8,7 @@ import { showPredicted } from "./predicted.js";
 import { showWindows } from "./windows.js";
 import { showWhere } from "./where.js";
 import { showResidual } from "./residual.js";
+import { showCoefficients } from "./coefficients.js";
 import { showFall } from "./fall.js";
 import { showTable } from "./tables.js";
 import { show as showRotor } from "./rotor.js";
@@ -87,6 +88,7 @@ async function show() {
   showWindows();
   showWhere();
   showResidual();
+  showCoefficients();
   showFall();
   showRotor();
 }
@@ -199,7 +201,7 @@ document.addEventListener("click", async (event) => {
   const button = event.target.closest("button[data-do]");
   if (!button) return;
   const { do: name, ...content } = button.dataset;
-  const place = name === "open" || name === "close" ? `open ${content.key}` : name === "drop_table" ? "table" : "page";
+  const place = name === "open" || name === "close" ? `open ${content.key}` : { drop_table: "table", estimate: "coefficients", profile: "coefficients" }[name] ?? "page";
   try {
     tell(place, "");
     await send(name, content);
@@ -253,6 +255,7 @@ dark.addEventListener("change", () => {
   showWindows(true);
   showWhere(true);
   showResidual(true);
+  showCoefficients(true);
   showFall(true);
 });
 
