@@ -23,6 +23,7 @@ _POINTS = 13  # of a profile
 _REACH = 3.0  # standard errors to either side of it
 _MOST = 12  # rows of the correlation that is shown
 _MOST_NAMED = 4
+_LINKED = 0.5  # correlation below which a pair counts as determined separately
 _MOVED = 2.0  # standard uncertainties from the stated value, from which on a parameter is named
 _LEARNED = 0.9  # of the stated uncertainty: what a parameter keeps that the recordings do not improve
 
@@ -140,11 +141,13 @@ def _sentences(fit: Fit[Model]) -> Iterator[str]:
             continue
         first, second, r = found
         said = f"Strongest correlation {who}: {first} and {second}, {decimal(r, 2, sign=True)}"
-        if abs(r) < CORRELATED:
-            yield f"{said}. The recordings determine each of them separately."
-        else:
+        if abs(r) >= CORRELATED:
             other = "larger" if r > 0.0 else "smaller"
             yield f"{said}. A larger value of one with a {other} value of the other fits almost as well."
+        elif abs(r) >= _LINKED:
+            yield f"{said}. Part of their uncertainty is common."
+        else:
+            yield f"{said}. The recordings determine each of them separately."
     priors = [(own, own.prior) for name in fit.names if (own := fit.parameters[name]).prior is not None]
     pulls = {
         own.name: (own.value - prior.mean) / prior.deviation for own, prior in priors if prior is not None

@@ -146,6 +146,7 @@ function against(own) {
   const title = now.found.maps.find((each) => each.variable === over).title;
   // what is left gets most of the room
   const above = figure({ sizing_mode: "stretch_width", height: 70, x_range: range, title: `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
+  above.left[0].ticker.desired_num_ticks = 2;
   above.scatter({ field: "x" }, { field: "measured" }, { source, fill_color: one, ...sign(7) });
   above.scatter({ field: "x" }, { field: "predicted" }, { source, marker: "x", ...sign(9), line_color: other, line_width: 2 });
   const below = figure({ x_range: range, title: `residual, ${own.unit}, on its noise of ±1 σ`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
