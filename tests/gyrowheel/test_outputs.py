@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from gyrowheel.show.figure import BLUE, Curve, Panel, curves_figure, write_figure
+
 from .conftest import Wheel
 from .helpers import SHORT_PLAN, Result, Shell, write
 
@@ -153,14 +155,23 @@ def test_export_replaces_only_its_own_tables(gyrowheel: Shell, bench: Path):
     refused(gyrowheel("export", bench / "drag", "-o", same, "--map", same), "is the file of --output, too")
 
 
-def test_a_picture_is_a_png_and_replaces_only_pictures(gyrowheel: Shell, bench: Path):
+def test_a_picture_replaces_only_pictures_of_its_format(gyrowheel: Shell, bench: Path):
     compare = ["compare", bench / "drag", "--model", bench / "wheel.yaml", "--picture"]
     refused(gyrowheel(*compare, bench / "x.txt"), "'.txt'", ".png")
     photo = bench / "photo.png"
     photo.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
     refused(gyrowheel(*compare, photo), "--picture", str(photo))
-    for _ in range(2):
-        gyrowheel.good(*compare, bench / "x.png")
+    for ending, begin in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")):
+        picture = bench / f"picture{ending}"
+        write_figure(
+            curves_figure("title", "remark", [Panel("panel", "x", "y", [Curve("a", [0], [1], BLUE)])]),
+            picture,
+        )
+        assert picture.read_bytes().startswith(begin)
+        gyrowheel.good(*compare, picture)
+        foreign = bench / f"foreign{ending}"
+        foreign.write_bytes(begin + bytes(100))
+        refused(gyrowheel(*compare, foreign), "--picture", str(foreign))
 
 
 def test_outputs_are_checked_before_the_work(gyrowheel: Shell, bench: Path):

@@ -40,13 +40,13 @@ Json: TypeAlias = Annotated[
     str | None, option("--json FILE", "Write the result as JSON ('-': to stdout)."), JSON_RESULT
 ]
 Picture: TypeAlias = Annotated[
-    Path | None, option("--picture FILE.png", "Draw where the model fails."), PICTURE
+    Path | None, option("--picture F.png|svg|pdf", "Draw where the model fails."), PICTURE
 ]
 ErrorPicture: TypeAlias = Annotated[
-    Path | None, option("--picture FILE.png", "Draw the error before and after."), PICTURE
+    Path | None, option("--picture F.png|svg|pdf", "Draw the error before and after."), PICTURE
 ]
 TorquePicture: TypeAlias = Annotated[
-    Path | None, option("--picture FILE.png", "Draw the parts of the torques."), PICTURE
+    Path | None, option("--picture F.png|svg|pdf", "Draw the parts of the torques."), PICTURE
 ]
 Recordings: TypeAlias = Annotated[list[Path], argument("DIR...", "Recordings.")]
 ModelFile: TypeAlias = Annotated[Path, option("--model M.yaml", "Model file.")]

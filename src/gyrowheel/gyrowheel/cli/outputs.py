@@ -178,11 +178,13 @@ def _is_torque_table(path: Path) -> bool:
 
 def _is_picture(path: Path) -> bool:
     begin = head(path, 4096)
-    return begin.startswith(b"\x89PNG\r\n\x1a\n") and b"Matplotlib" in begin
+    if begin.startswith(b"%PDF"):  # which names its maker at the end
+        return path.stat().st_size < _LONGEST and b"Matplotlib" in path.read_bytes()
+    return begin.startswith((b"\x89PNG\r\n\x1a\n", b"<?xml")) and b"matplotlib" in begin.lower()
 
 
 JSON_RESULT = Output("a JSON result of an earlier command", _is_result)
-PICTURE = Output("an earlier picture of gyrowheel", _is_picture, (".png",))
+PICTURE = Output("an earlier picture of gyrowheel", _is_picture, (".png", ".svg", ".pdf"))
 TORQUE_TABLE = Output("an earlier torque table", _is_torque_table)
 TABLE = Output("an earlier table of gyrowheel export", is_exported_table)
 COLUMN_MAP = Output("an earlier map of gyrowheel export", is_exported_map)

@@ -23,7 +23,7 @@ def drag(
     picture: Annotated[
         Path | None,
         option(
-            "--picture FILE.png",
+            "--picture F.png|svg|pdf",
             "Draw the filtered voltages over time, and their increments over tilt and speed.",
         ),
         PICTURE,

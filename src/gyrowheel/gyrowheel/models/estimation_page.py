@@ -15,6 +15,7 @@ from gyrowheel.show.formulas import is_pure
 from gyrowheel.show.layout import figures_table, heading, sentences, words_table
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import decimal, short, with_error
+from gyrowheel_core.units import Unit, unit_for
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.estimation.result import Estimation, Parameter
@@ -93,8 +94,17 @@ def estimate_of(own: Parameter) -> str:
 
 def value_with_error(own: Parameter, value: float, error: float) -> str:
     """Return a value of a parameter with its error, in the unit in which people read it."""
+    return with_error(value, error, own.unit, pure=_is_pure(own))
+
+
+def unit_of(own: Parameter) -> Unit:
+    """Return the unit in which people read an estimate."""
+    return unit_for(max(abs(own.value), own.standard_error), own.unit, pure=_is_pure(own))
+
+
+def _is_pure(own: Parameter) -> bool:
     effect, _, key = own.name.partition(".")
-    return with_error(value, error, own.unit, pure=is_pure(effect, key) if key else True)
+    return is_pure(effect, key) if key else True
 
 
 def _prior(own: Parameter) -> str:

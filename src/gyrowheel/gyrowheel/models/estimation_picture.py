@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gyrowheel.models.estimation_page import estimate_of
-from gyrowheel.show.figure import AFTER, BEFORE, DARK, SOFT, Picture, finished, style
+from gyrowheel.models.estimation_page import estimate_of, unit_of
+from gyrowheel.show.figure import AFTER, BEFORE, DARK, GROUND, SOFT, Picture, finished, style
+from gyrowheel_core.quantities import decimal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from gyrowheel_analysis.estimation.result import Estimation
+    from gyrowheel_analysis.estimation.result import Estimation, Parameter
 
+_NAMED = 0.5  # correlation from which on it is written
 _LEVELS = (0.683, 0.95)
 
 
@@ -26,6 +28,10 @@ def correlation_figure(fit: Estimation) -> Figure:
         figure = Picture(side + 1.2, side, layout="constrained")
         axes = figure.subplots()
         image = axes.imshow(values, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
+        for i, k in np.argwhere(np.abs(values) >= _NAMED):
+            if i != k:  # in grey both signs are dark
+                number = decimal(float(values[i, k]), 2, sign=True).replace("0.", ".")
+                axes.text(k, i, number, fontsize=5.5, color=GROUND, ha="center", va="center")
         axes.set_xticks(range(count), names, rotation=90)
         axes.set_yticks(range(count), names)
         axes.set_title("Correlation of the estimates")
@@ -37,26 +43,27 @@ def profile_figure(fit: Estimation, name: str) -> Figure:
     """Return the profile of a parameter with its 95 % interval and the parabola of its standard error."""
     values, rise = fit.profile(name)
     own = fit.parameters[name]
+    unit = unit_of(own)
     low, high = fit.interval(name)
     with style(10.0):
         figure = Picture(6.4, 4.2, layout="constrained")
         axes = figure.subplots()
-        axes.axvspan(low, high, color=AFTER, alpha=0.12, lw=0, label="95 % interval")
+        axes.axvspan(low / unit.size, high / unit.size, color=AFTER, alpha=0.12, lw=0, label="95 % interval")
         axes.plot(
-            values,
+            values / unit.size,
             ((values - own.value) / own.standard_error) ** 2,
             "--",
             color=SOFT,
             label="by the standard error",
         )
-        axes.plot(values, rise, color=AFTER, lw=2.0, label="profile")
+        axes.plot(values / unit.size, rise, color=AFTER, lw=2.0, label="profile")
         if own.prior is not None:
             drawn = np.linspace(values[0], values[-1], 101)
             pull = ((drawn - own.prior.mean) / own.prior.deviation) ** 2
-            axes.plot(drawn, pull, ":", color=BEFORE, label="prior")
+            axes.plot(drawn / unit.size, pull, ":", color=BEFORE, label="prior")
         axes.axhline(3.84, color=DARK, lw=0.8)
         axes.set_ylim(0.0, max(10.0, float(rise.max())))
-        axes.set_xlabel(f"{name} [{own.unit.replace('*', '·')}]")
+        axes.set_xlabel(_label(own))
         axes.set_ylabel("rise of χ²")
         axes.set_title(f"{name} = {estimate_of(own)}")
         axes.legend(loc="upper center", fontsize=8)
@@ -66,6 +73,7 @@ def profile_figure(fit: Estimation, name: str) -> Figure:
 def contour_figure(fit: Estimation, first: str, second: str) -> Figure:
     """Return the regions of two parameters, by the profile and by the covariance."""
     one, two = fit.parameters[first], fit.parameters[second]
+    across, up = unit_of(one).size, unit_of(two).size
     pair = [fit.names.index(first), fit.names.index(second)]
     root = np.linalg.cholesky(fit.covariance.values[np.ix_(pair, pair)])
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -74,13 +82,21 @@ def contour_figure(fit: Estimation, first: str, second: str) -> Figure:
         axes = figure.subplots()
         for level, width in zip(_LEVELS, (2.0, 1.2), strict=True):
             x, y = fit.contour(first, second, level)
+            x, y = x / across, y / up
             axes.plot([*x, x[0]], [*y, y[0]], color=AFTER, lw=width, label=f"{100.0 * level:.0f} %")
             size = np.sqrt(-2.0 * np.log(1.0 - level))
             ellipse = size * root @ [np.cos(turn), np.sin(turn)]
-            axes.plot(one.value + ellipse[0], two.value + ellipse[1], "--", color=SOFT, lw=0.9)
-        axes.plot(one.value, two.value, "+", color=DARK, ms=9)
-        axes.set_xlabel(f"{first} [{one.unit.replace('*', '·')}]")
-        axes.set_ylabel(f"{second} [{two.unit.replace('*', '·')}]")
+            axes.plot(
+                (one.value + ellipse[0]) / across, (two.value + ellipse[1]) / up, "--", color=SOFT, lw=0.9
+            )
+        axes.plot(one.value / across, two.value / up, "+", color=DARK, ms=9)
+        axes.set_xlabel(_label(one))
+        axes.set_ylabel(_label(two))
         axes.set_title("Regions of confidence (dashed: by the covariance)")
         axes.legend(fontsize=8)
         return finished(figure)
+
+
+def _label(own: Parameter) -> str:
+    unit = unit_of(own).label
+    return f"{own.name}, {unit}" if unit else own.name

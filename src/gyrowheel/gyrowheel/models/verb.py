@@ -139,7 +139,7 @@ def fit_parameters(
     write: Annotated[bool, option("--write", "Write the estimates into the model file.")] = False,
     mixed: Mixed = False,
     picture: Annotated[
-        Path | None, option("--picture FILE.png", "Draw the correlation of the estimates."), PICTURE
+        Path | None, option("--picture F.png|svg|pdf", "Draw the correlation of the estimates."), PICTURE
     ] = None,
     json: Json = None,
 ) -> None:

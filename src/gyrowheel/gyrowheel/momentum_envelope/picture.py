@@ -96,7 +96,7 @@ def body_figure(bench: Bench, speeds: Array | None = None) -> Figure:
     _box(axes, wide, low - 0.02 * high, 1.01 * high, unit)
     axes.view_init(elev=18, azim=-45)
     axes.set_title(
-        f"all tilts up to {limit / DEG:.0f}°, {speeds[0] / RPM:.0f} to {speeds[-1] / RPM:.0f} rpm",
+        f"Angular momentum, tilt up to {limit / DEG:.0f}°, {speeds[0] / RPM:.0f} to {speeds[-1] / RPM:.0f} rpm",
         loc="center",
     )
     section = figure.add_axes((0.57, 0.13, 0.40, 0.76))
@@ -158,9 +158,10 @@ def _box(axes: Any, wide: float, low: float, high: float, unit: str, *, heights:
     axes.locator_params(nbins=4)
     axes.locator_params(axis="z", nbins=heights)
     axes.tick_params(labelsize=8.5, pad=0)
-    axes.set_xlabel("Hx", labelpad=-2)
-    axes.set_ylabel("Hy", labelpad=-2)
-    axes.set_zlabel(f"Hz, {unit}", labelpad=2)
+    axes.tick_params(axis="z", pad=3)
+    axes.set_xlabel(f"Hx, {unit}", labelpad=2)
+    axes.set_ylabel(f"Hy, {unit}", labelpad=4)
+    axes.set_zlabel(f"Hz, {unit}", labelpad=4)
     for pane in (axes.xaxis, axes.yaxis, axes.zaxis):
         pane.set_pane_color((0.97, 0.97, 0.97, 1.0))
 

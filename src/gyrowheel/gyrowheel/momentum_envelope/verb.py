@@ -22,10 +22,10 @@ def momentum(
         ),
     ] = None,
     picture: Annotated[
-        Path | None, option("--picture FILE.png", "Draw the caps of up to three spin rates."), PICTURE
+        Path | None, option("--picture F.png|svg|pdf", "Draw the caps of up to three spin rates."), PICTURE
     ] = None,
     body: Annotated[
-        Path | None, option("--body FILE.png", "Draw the body between all spin rates."), PICTURE
+        Path | None, option("--body F.png|svg|pdf", "Draw the body between all spin rates."), PICTURE
     ] = None,
     json: Json = None,
 ) -> None:

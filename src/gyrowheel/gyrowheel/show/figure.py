@@ -77,11 +77,16 @@ _PLAIN: Any = {
 } | {"text.parse_math": False}  # names of users are no formulas
 
 
+_EDGE = 0.1  # inches around what a layout arranges
+
+
 class Picture(Figure):
     """A figure on a white ground, of a width and a height [inches], that a notebook shows; made without pyplot."""
 
     def __init__(self, width: float, height: float, *, dots: int = 100, **settings: Any) -> None:
         super().__init__(figsize=(width, height), dpi=dots, facecolor=GROUND, **settings)
+        if (engine := self.get_layout_engine()) is not None:
+            engine.set(w_pad=_EDGE, h_pad=_EDGE)  # type: ignore[call-arg]  # no letter touches an edge
 
     def _repr_png_(self) -> bytes:
         return png_bytes(self)
@@ -158,9 +163,23 @@ def svg_bytes(figure: Figure) -> bytes:
     return stream.getvalue()
 
 
+def pdf_bytes(figure: Figure) -> bytes:
+    """Return a figure as PDF, with its letters as fonts, which can be searched."""
+    stream = io.BytesIO()
+    with mpl.rc_context(_PLAIN | {"pdf.fonttype": 42}):
+        figure.savefig(stream, format="pdf", metadata={"CreationDate": None})
+    return stream.getvalue()
+
+
+_FORMATS: Mapping[str, Callable[[Figure], bytes]] = {".png": png_bytes, ".svg": svg_bytes, ".pdf": pdf_bytes}
+
+
 def write_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG with its folders, atomically; InputError if the file cannot be written."""
-    content = png_bytes(figure)
+    """Write a figure with its folders, atomically, in the format of the ending of its name.
+
+    InputError if the file cannot be written.
+    """
+    content = _FORMATS[Path(path).suffix](figure)
     with new_file(Path(path)) as place:
         place.write_bytes(content)
 

@@ -32,7 +32,7 @@ def import_(
     ] = None,
     suggest: Annotated[bool, option("--suggest", "Propose a map for the table, with reasons.")] = False,
     picture: Annotated[
-        Path | None, option("--picture FILE.png", "Draw the signals as the map reads them."), PICTURE
+        Path | None, option("--picture F.png|svg|pdf", "Draw the signals as the map reads them."), PICTURE
     ] = None,
     bench: Annotated[
         str, option("--bench NAME|FILE", "With --suggest: bench that the table was measured on.")

@@ -10,6 +10,7 @@ from gyrowheel.show.figure import (
     BLUE,
     DARK,
     GREEN,
+    GROUND,
     INK,
     NOISE,
     ORANGE,
@@ -32,8 +33,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, SKY, PINK, NOISE, "#F0E442", DARK)
-_HATCHES = ("", "//", "..")
+_HATCHES = ("", "///", "...")  # neighbours differ in grey
 _MILLI = 1e3
+_MOST_LEVEL, _MOST_NAMES = 7, 24  # names of holds that find room side by side, level and upright
 _LINE = ("all", "beyond the model")
 
 
@@ -52,17 +54,23 @@ def figure_of_torques(d: HoldTorques) -> Figure:
         names, label = [short(float(value)) for value in tilt], "tilt, °"
         where = f"{rpm[0]:.0f} rpm"
     else:
-        names = [f"{short(round(float(t), 2))}\n{w:.0f}" for t, w in zip(tilt, rpm, strict=True)]
+        apart = "\n" if len(d) <= _MOST_LEVEL else ", "
+        names = [f"{short(round(float(t), 2))}{apart}{w:.0f}" for t, w in zip(tilt, rpm, strict=True)]
         label, where = "tilt in °, spin rate in rpm", f"{len(d)} holds"
     source = ", ".join(d.recordings) or d.model
     figure.text(0.03, 0.955, "Actuator torque budget", fontsize=18, fontweight="bold", color=INK, va="center")
     figure.text(0.03, 0.905, f"{where}; {source}", fontsize=11, color=SOFT, va="center")
     styles: dict[str, tuple[str, str]] = {}
-    axes = [figure.add_axes((0.055 + 0.28 * k, 0.12, 0.225, 0.68)) for k in range(3)]
+    bottom = 0.12 if len(d) <= _MOST_LEVEL else 0.2
+    axes = [figure.add_axes((0.065 + 0.28 * k, bottom, 0.215, 0.80 - bottom)) for k in range(3)]
     for ax, direction in zip(axes, (ALONG, ACROSS, MOTOR), strict=True):
         _stack(ax, rows_of(d, direction), styles)
         ax.set_title(direction)
-        ax.set_xticks(range(len(d)), names)
+        # many names stand upright, and of very many some are left out
+        every = -(-len(d) // _MOST_NAMES)
+        ax.set_xticks(range(0, len(d), every), names[::every])
+        if len(d) > _MOST_LEVEL:
+            ax.tick_params(axis="x", rotation=90, labelsize=9)
         ax.set_xlabel(label)
     axes[0].set_ylabel("torque, mN·m")
     shared_legend(figure, axes, loc="upper left", bbox_to_anchor=(0.855, 0.82), fontsize=10)
@@ -81,8 +89,23 @@ def _stack(ax: Axes, rows: list[tuple[str, Any]], styles: dict[str, tuple[str, s
             continue
         number = len(styles)
         colour, hatch = styles.setdefault(
-            title, (_COLOURS[number % len(_COLOURS)], _HATCHES[number // len(_COLOURS) % len(_HATCHES)])
+            title,
+            (
+                _COLOURS[number % len(_COLOURS)],
+                _HATCHES[(number % 2 + number // len(_COLOURS)) % len(_HATCHES)],
+            ),
         )
         start = np.where(torque >= 0.0, above, below)
-        ax.bar(places, torque, 0.7, bottom=start, color=colour, hatch=hatch, label=title, zorder=2)
+        ax.bar(
+            places,
+            torque,
+            0.7,
+            bottom=start,
+            color=colour,
+            hatch=hatch,
+            lw=0,
+            edgecolor=GROUND,
+            label=title,
+            zorder=2,
+        )
         above, below = above + np.maximum(torque, 0.0), below + np.minimum(torque, 0.0)

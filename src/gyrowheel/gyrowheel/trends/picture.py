@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 from gyrowheel.show.figure import BLUE, FAINT, INK, SOFT, VERMILION, Picture, add_grid, drawn
 from gyrowheel.trends.page import day, summary
 from gyrowheel_analysis.trend import Course, Trend
+from gyrowheel_core.units import Unit, unit_for
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import registry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,13 +47,15 @@ def figure_of_trend(result: Trend) -> Figure:
 def _course(axes: Axes, course: Course) -> None:
     begin = float(course.time[0])
     days = (course.time - begin) / _DAY
-    low, high = course.limits
+    unit = _unit(course)
+    low, high = (end / unit.size for end in course.limits)
+    value = course.value / unit.size
     axes.fill_between(days, low, high, color=FAINT, label="control limits", zorder=1)
-    axes.axhline(course.centre, color=SOFT, lw=0.8, zorder=2)
+    axes.axhline(course.centre / unit.size, color=SOFT, lw=0.8, zorder=2)
     axes.errorbar(
         days,
-        course.value,
-        course.standard_error,
+        value,
+        course.standard_error / unit.size,
         fmt="o",
         ms=3.5,
         lw=0.8,
@@ -61,10 +66,19 @@ def _course(axes: Axes, course: Course) -> None:
     if course.departure is not None:
         first = course.departure.first
         axes.plot(
-            days[first], course.value[first], "o", ms=10, mfc="none", mec=VERMILION, mew=1.6,
+            days[first], value[first], "o", ms=10, mfc="none", mec=VERMILION, mew=1.6,
             label=f"{course.departure.kind}", zorder=4,
         )  # fmt: skip
     axes.set_title(f"{course.name}, over the {course.over}", fontsize=10)
     axes.set_xlabel(f"days since {day(begin)}", fontsize=9)
-    axes.set_ylabel("SI units", fontsize=9)
+    axes.set_ylabel(unit.label or "1", fontsize=9)
     add_grid(axes)
+
+
+def _unit(course: Course) -> Unit:
+    """Return the unit of a quantity; that of a user's effect, which no table has, is the SI unit."""
+    effect, _, key = course.name.partition(".")
+    known, bench = registry().get(effect), Bench.load().parameters
+    units = {c.name: c.unit for c in known.coefficients} if known else {}
+    own = units.get(key) if key else bench[effect].unit if effect in bench else None
+    return Unit("SI unit", 1.0) if own is None else unit_for(abs(course.centre), own, pure=True)

@@ -14,7 +14,7 @@ def trend(
     results: Annotated[Path, argument("RESULTS", "Table of the verb batch, .parquet or .csv.")],
     picture: Annotated[
         Path | None,
-        option("--picture FILE.png", "Draw the quantities over time with their control limits."),
+        option("--picture F.png|svg|pdf", "Draw the quantities over time with their control limits."),
         PICTURE,
     ] = None,
     json: Json = None,

@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 
 from gyrowheel.models.api import Model
 from gyrowheel.models.estimation import Fit
-from gyrowheel.models.estimation_page import CORRELATED, estimate_of, strongest_pairs, value_with_error
-from gyrowheel.show.formulas import is_pure
+from gyrowheel.models.estimation_page import (
+    CORRELATED,
+    estimate_of,
+    strongest_pairs,
+    unit_of,
+    value_with_error,
+)
 from gyrowheel_analysis.estimation.result import Parameter
 from gyrowheel_core.quantities import decimal, pair
-from gyrowheel_core.units import Unit, unit_for
+from gyrowheel_core.units import Unit
 
 Array = NDArray[np.float64]
 
@@ -77,11 +82,7 @@ def shown(own: Estimates | None) -> dict[str, Any] | None:
 def _row(own: Estimates, parameter: Parameter) -> dict[str, Any]:
     name, prior, data = parameter.name, parameter.prior, parameter.data
     effect, _, key = name.partition(".")
-    unit = unit_for(
-        max(abs(parameter.value), parameter.standard_error),
-        parameter.unit,
-        pure=is_pure(effect, key) if key else True,
-    )
+    unit = unit_of(parameter)
     declared = own.fit.fitted.library.get(effect)
     usual = (
         next((c.usual for c in declared.coefficients if c.name == key), None) if declared and key else None
