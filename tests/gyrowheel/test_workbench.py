@@ -28,6 +28,7 @@ from gyrowheel.simulation.scenario import scenario
 from gyrowheel.workbench import pictures, residual, tables, views, windows
 from gyrowheel.workbench import server as workbench_server
 from gyrowheel.workbench.benches import SimulatedBench
+from gyrowheel.workbench.coefficients import Estimates
 from gyrowheel.workbench.library import ROLES, Envelope, Library, Opened, envelopes
 from gyrowheel.workbench.server import Access, Server
 from gyrowheel.workbench.session import Session, Step, before
@@ -482,6 +483,46 @@ def test_the_model_of_a_file_is_drawn_over_the_results(compared: Session, wheel:
     )
     assert rows["spin"]["others"]["colleague.yaml"]["chi2"] < 0.1 * rows["spin"]["chi2"]
     assert [row["residual"] for row in rows.values()] == [row["residual"] for row in shown]
+
+
+def test_estimates_are_drawn_as_fitted_and_a_profile_rises_at_the_ends_of_its_interval(
+    compared: Session, wheel: Wheel
+) -> None:
+    with pytest.raises(gw.InputError, match="nothing is estimated yet"):
+        compared.profile("windage.w")
+    model = gw.Model().add("windage", fit=wheel.recording)
+    fit = model.fit(wheel.recording, free=["windage", "bearing_viscous"])
+    kept = compared.steps
+    compared.steps, compared.report = [replace(compared.step, estimates=Estimates(fit))], "written before"
+    try:
+        with pytest.raises(gw.InputError, match=r"windage\.v: no such parameter"):
+            compared.profile("windage.v")
+        compared.profile("windage.w")
+        compared.wait(240.0)
+        assert compared.trouble is None
+        assert compared.report == "written before"  # which has no estimates
+        shown = pictures.found(compared)["estimates"]
+    finally:
+        compared.steps, compared.report = kept, None
+    rows = {row["name"]: row for row in shown["rows"]}
+    assert list(rows) == fit.names == shown["names"]
+    for name, row in rows.items():
+        own = fit.params[name]
+        size = row["both"][0] / own.value
+        np.testing.assert_allclose(row["both"][1], size * own.standard_error, rtol=1e-6)
+        assert (row["stated"] is None) == (own.prior is None)
+        if own.prior is not None:
+            np.testing.assert_allclose(row["stated"], size * np.array(own.prior), rtol=1e-6)
+    assert (rows["windage.w"]["unit"], rows["windage.n"]["words"]["stated"]) == ("mN·m", "1.480 ± 0.030")
+    np.testing.assert_allclose(shown["correlation"], fit.correlation.values, atol=1e-3)
+    # the strongest pair is named, with the direction in which both may change
+    assert shown["said"][0].startswith(
+        "Strongest correlation of an effect: windage.w and bearing_viscous, −0."
+    )
+    assert "A larger value of one with a smaller value of the other" in shown["said"][0]
+    profile = rows["windage.w"]["profile"]
+    rise = np.interp(profile["interval"], profile["values"], profile["rise"])
+    np.testing.assert_allclose(rise, 3.84, rtol=0.05)
 
 
 def test_noise_has_no_correlation_and_no_line_and_a_drift_has_both() -> None:

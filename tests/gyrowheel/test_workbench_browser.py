@@ -254,9 +254,18 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         press(first.locator("#holds button").nth(1))
         expect(first.locator("#span")).not_to_have_text(shown)
         expect(first.locator("#predicted-said")).to_contain_text("holds")
-        # an own formula is checked as it is typed
+        # all parameters: stated, from the recordings, and both, of the model with what was found
         go("what")
         press(first.locator("#tab-missing"), "ArrowRight")
+        press(enabled(first.locator("[data-do=estimate]")))
+        expect(first.locator("#coefficients-of")).to_contain_text("windage, found and not yet added")
+        expect(first.locator("#coefficients-words")).to_contain_text("Strongest correlation")
+        expect(first.locator("#coefficient-said")).to_contain_text("The recordings alone")
+        first.locator("#coefficient").select_option("windage.n")
+        expect(first.locator("#coefficient-said")).to_contain_text("Stated 1.480 ± 0.030")
+        assert faults(first) == []
+        # an own formula is checked as it is typed
+        press(first.locator("#tab-coefficients"), "ArrowRight")
         first.locator("#formula").fill("mine: torque = -k*Omgea*z")
         expect(first.locator("[data-trouble=formula]")).to_contain_text("Omgea")
         expect(first.locator("#formula-form button")).to_be_disabled()

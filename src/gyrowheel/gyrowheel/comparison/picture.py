@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.show.figure import DARK, FAINT, GROUND, SOFT, TICK, Picture, drawn, title_size
+from gyrowheel.show.figure import DARK, FAINT, GROUND, SOFT, TICK, Picture, add_title, drawn
 from gyrowheel.show.sentences.residuals import TITLES
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.compare import Comparison
@@ -43,7 +43,7 @@ def figure_of_failure(result: Comparison) -> Figure:
     data = result.data
     title = f"Where the model fails: {', '.join(Path(name).name for name in result.recordings)}"
     figure = Picture(16.0, 10.0)
-    figure.text(0.045, 0.955, title, fontsize=title_size(title), fontweight="bold", va="center")
+    add_title(figure, title)
     figure.text(
         0.045,
         0.915,

@@ -22,6 +22,7 @@ from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM, Unit, unit_for
+from gyrowheel_core.units import pretty as pretty_unit
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.torque_map import TorqueMap
 
@@ -312,13 +313,13 @@ def symbols(model: Model, found: Diagnosis) -> list[dict[str, str]]:
     laws += [library[name].formula for name in model.effects]
     used = set(itertools.chain.from_iterable(re.findall(r"[A-Za-z_]\w*", law) for law in laws))
     rows = [
-        {"symbol": pretty(name), "unit": own.unit, "about": own.description}
+        {"symbol": pretty(name), "unit": pretty_unit(own.unit), "about": own.description}
         for name, own in QUANTITIES.items()
         if name in used
     ]
     named = dict.fromkeys([*(effect.name for effect in found.effects), *model.effects])
     rows += [
-        {"symbol": c.name, "unit": c.unit, "about": f"{c.description} ({name})"}
+        {"symbol": c.name, "unit": pretty_unit(c.unit), "about": f"{c.description} ({name})"}
         for name in named
         if name in library and not isinstance(library[name], TorqueMap)
         for c in library[name].coefficients

@@ -21,8 +21,8 @@ from gyrowheel.show.figure import (
     ZERO,
     Picture,
     add_grid,
+    add_title,
     drawn,
-    title_size,
 )  # fmt: skip
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals, noisy
@@ -54,7 +54,7 @@ def error_figure(
 ) -> Figure:
     """Draw the error before and after a change, 1600 by 1000 dots; the title is the result in words."""
     figure = Picture(16.0, 10.0)
-    figure.text(0.045, 0.955, title, fontsize=title_size(title), fontweight="bold", va="center")
+    add_title(figure, title)
     if subtitle:
         figure.text(0.045, 0.913, subtitle, fontsize=13, color=TICK, va="center")
     roles = [role for role in _ROLES if any(r.role == role for r in residuals)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import io
 import os
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -197,9 +198,13 @@ def add_grid(axes: Any, axis: str = "both") -> None:
     axes.set_axisbelow(True)
 
 
-def title_size(title: str) -> float:
-    """Return the size of letters in which a title fits a figure 16 inches wide."""
-    return min(22.0, 22.0 * 88.0 / max(len(title), 1))
+def add_title(figure: Figure, title: str) -> None:
+    """Write the title of a figure of 16 by 10 inches; a long one in two lines, which stay within its edges."""
+    lines = [title] if len(title) <= 84 else textwrap.wrap(title, max(len(title) // 2 + 12, 84))
+    longest = max(map(len, lines))
+    largest = 22.0 if len(lines) == 1 else 17.0
+    size = min(largest, 22.0 * 84.0 / max(longest, 1))
+    figure.text(0.045, 0.955, "\n".join(lines), fontsize=size, fontweight="bold", va="center")
 
 
 def shared_legend(figure: Figure, axes: Any, **settings: Any) -> None:
