@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 _POINTS = 13  # of a profile
 _REACH = 3.0  # standard errors to either side of it
-_MOST = 12  # rows of the correlation that is shown
+_MOST = 9  # rows of the correlation that is shown
 _MOST_NAMED = 4
 _LINKED = 0.5  # correlation below which a pair counts as determined separately
 _MOVED = 2.0  # standard uncertainties from the stated value, from which on a parameter is named

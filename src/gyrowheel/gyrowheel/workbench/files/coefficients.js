@@ -1,6 +1,6 @@
 // Estimated parameters: as stated, from the recordings alone, and both; the profile of one; how they are correlated.
 
-import { P, at, colours, css, element, legible, now, put, table, themed } from "./shared.js";
+import { P, at, colours, css, element, fixed, legible, now, put, table, themed } from "./shared.js";
 
 const LIMIT = 3.84; // rise of χ² at the ends of a 95 % interval
 const NARROWEST = 25; // standard errors to either side that are drawn at most
@@ -98,7 +98,7 @@ function matrix({ names, correlation }) {
       const cell = line.insertCell();
       cell.className = "figure";
       if (k >= i) return; // each pair once
-      cell.textContent = value.toFixed(2).replace("-", "−");
+      cell.textContent = fixed(value, 2).replace("-", "−");
       cell.style.background = mixed(value > 0 ? "#D55E00" : "#0072B2", css("--card"), value ** 2);
       cell.style.color = legible(cell.style.background);
     });
