@@ -36,7 +36,7 @@ def fit(model: gw.Model, recording: gw.Recording) -> Fit[gw.Model]:
     return model.fit(recording, free=["windage", "bearing_viscous"])
 
 
-def slope(fit: Fit[gw.Model], x: Sequence[float]) -> Array:
+def slope(fit: Fit[gw.Model], x: Sequence[float] | Array) -> Array:
     """Return the derivatives of the cost by the parameters in standard errors, from those of the residuals."""
     size, at = np.array(list(fit.errors.values())), np.asarray(x)
     residuals = lambda y: fit.cost.residuals(y * size)  # noqa: E731

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.criteria import BURST_BESIDE
-from gyrowheel_analysis.diagnosis.event_scan import _BURST_EDGES, _SHORT_BURST, _Bursts, _Steps
+from gyrowheel_analysis.diagnosis.event_scan import _BURST_EDGES, _SHORT_BURST, _Bursts, _Steps, _Swings
 from gyrowheel_analysis.diagnosis.evidence import Profiles, Rows, _White
+from gyrowheel_analysis.fitting.events import Event
 from gyrowheel_analysis.fitting.variance import DriftCovariance
 
 N = 40
@@ -34,16 +35,21 @@ def test_whitening_and_back_is_the_inverse_of_the_covariance(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["drift", "white"])
-def test_steps_and_bursts_have_the_products_of_their_courses(kind: str) -> None:
+def test_events_have_the_products_of_their_courses(kind: str) -> None:
     rows, inverse = rows_of(kind, 3)
     rng = np.random.default_rng(4)
     between = np.arange(N - 1.0) + 0.5
     left, right, many = rng.standard_normal(N), rng.standard_normal(N), rng.standard_normal((7, N))
-    for profiles in (_Steps(between), _Bursts(between)):
+    start, duration = np.arange(1.0, N + 1.0), rng.uniform(0.2, 1.0, N)
+    swings = _Swings(start, duration, np.array([7.0, 20.0]))
+    for profiles in (_Steps(between), _Bursts(between), swings):
         course = np.arange(N)[None, :] > profiles.edges[:, :1]
         if profiles.kind == "burst":
             course &= np.arange(N)[None, :] < profiles.edges[:, 1:]
         weights = course.astype(float)
+        if profiles is swings:
+            events = (Event(0, "", "swing", *own) for own in profiles.edges.tolist())
+            weights = np.array([event.profile(start, duration) for event in events])
         dense = Profiles(profiles.kind, profiles.edges, weights)
         for one, other in ((left, left), (left, right)):
             expected = np.einsum("en,nm,em->e", weights * one, inverse, weights * other)

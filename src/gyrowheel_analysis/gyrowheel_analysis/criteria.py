@@ -114,6 +114,8 @@ TREND_SHORTEST_REFINED: Final = 2.0
 #: and fewer than the other look like a drift.
 SWING_FASTEST: Final = 20.0
 SWINGS_FEWEST: Final = 1.5
+#: Most periods of a swing in a recording: with more, the search would take the square of the length of a recording.
+SWINGS_MOST: Final = 200.0
 #: Change of a temperature [K] below which nothing can be seen to follow it.
 DRIFT_WARMING: Final = 0.3
 #: Scale of a drift from which on it counts as enlarged, so that smaller ones are tried with an event.

@@ -17,6 +17,7 @@ from gyrowheel_analysis.criteria import (
     EVENT_PRICE,
     SWING_FASTEST,
     SWINGS_FEWEST,
+    SWINGS_MOST,
     TREND_SHORTEST,
 )
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles, Rows
@@ -130,6 +131,52 @@ class _Bursts(Profiles):
         return result
 
 
+class _Swings(Profiles):
+    """Swings of some periods [s], each with `_PHASES` phases: all of a period are sums of the same two courses."""
+
+    def __init__(self, start: Array, duration: Array, periods: Array) -> None:
+        begin, self._count = float(start.min()), len(periods)
+        shift = np.arange(_PHASES) / (2.0 * _PHASES)  # of a period
+        edges = np.column_stack(
+            [
+                (begin + shift * periods[:, None]).ravel(),
+                np.repeat(periods, _PHASES),
+            ]
+        )
+        # at the begin of the recording, and a quarter of a period later
+        pairs = [
+            Event(0, "", "swing", begin + quarter * period, period).profile(start, duration)
+            for quarter in (0.0, 0.25)
+            for period in periods.tolist()
+        ]
+        super().__init__("swing", edges, np.array(pairs))
+        self._parts = np.cos(2.0 * math.pi * shift), np.sin(2.0 * math.pi * shift)
+
+    def sums(self, values: Array) -> Array:
+        both = super().sums(values).reshape(*values.shape[:-1], 2, self._count, 1)
+        cosine, sine = self._parts
+        return (both[..., 0, :, :] * cosine + both[..., 1, :, :] * sine).reshape(*values.shape[:-1], -1)
+
+    def squares(self, block: Rows, left: Array, right: Array) -> Array:
+        white = block.whiten((self._weights * left).T)
+        other = white if right is left else block.whiten((self._weights * right).T)
+        return self._products(white, other)
+
+    def explained(self, left: Array, right: Array) -> Array:
+        own = super().sums(left)
+        return self._products(own, own if right is left else super().sums(right))
+
+    def _products(self, left: Array, right: Array) -> Array:
+        """Return the products (events,) of columns (n, 2 periods) that belong to the two courses of every period."""
+        one, other = (part.reshape(len(part), 2, self._count) for part in (left, right))
+        a, b = (np.einsum("np,np->p", one[:, k], other[:, k]) for k in (0, 1))
+        mixed = np.einsum("np,np->p", one[:, 0], other[:, 1]) + np.einsum("np,np->p", one[:, 1], other[:, 0])
+        cosine, sine = self._parts
+        return np.asarray(
+            a[:, None] * cosine**2 + mixed[:, None] * (cosine * sine) + b[:, None] * sine**2
+        ).ravel()
+
+
 def _within(n: int) -> int:
     """Return the number of bursts between n windows that have windows before and after them."""
     edges = max(n - 2 * BURST_BESIDE + 1, 0)
@@ -159,18 +206,12 @@ def _shapes(windows: Windows) -> list[Profiles]:
     """Return the shapes that drifts may have, except those that follow the tilt."""
     start, duration = windows.start, windows.duration
     length = float((start + duration).max(initial=0.0) - start.min(initial=math.inf))
-    result = []
+    result: list[Profiles] = []
     # over pauses a fast swing cannot be followed, and would need too many shapes
     most = (length - float(np.diff(pauses(start, _PAUSE)).sum())) / SWING_FASTEST
     if most > SWINGS_FEWEST:
-        turns = np.arange(SWINGS_FEWEST, most, 0.25)
-        edges = [
-            (float(start.min() + 0.5 * phase * length / turn / _PHASES), float(length / turn))
-            for turn in turns
-            for phase in range(_PHASES)
-        ]
-        weights = np.array([Event(0, "", "swing", *own).profile(start, duration) for own in edges])
-        result.append(Profiles("swing", edges, weights))
+        periods = length / np.arange(SWINGS_FEWEST, min(most, SWINGS_MOST), 0.25)
+        result.append(_Swings(start, duration, periods))
     for kind in TEMPERATURES:
         if np.ptp(temperature(windows, kind)) > DRIFT_WARMING:
             result.append(Profiles(kind, [()], Event(0, "", kind).course(windows)[None, :]))
@@ -197,10 +238,12 @@ def price(kind: Kind, of_recordings: Sequence[Sequence[Profiles]]) -> float:
     )
 
 
-def scan(evidence: Evidence) -> list[Candidate]:
-    """Return the best candidate of every kind and of all that changes together, best first."""
+def scan(evidence: Evidence, of_recordings: Sequence[Sequence[Profiles]]) -> list[Candidate]:
+    """Return the best candidate of every kind and of all that changes together, best first.
+
+    `of_recordings` are the `places` of the problem.
+    """
     found = []
-    of_recordings = places(evidence.problem)
     for recording, kinds in enumerate(of_recordings):
         prices = [price(profiles.kind, of_recordings) for profiles in kinds]
         for quantities in TOGETHER:
@@ -212,15 +255,15 @@ def scan(evidence: Evidence) -> list[Candidate]:
     return sorted(found, key=lambda candidate: -candidate.score)
 
 
-def best_at(evidence: Evidence, events: Sequence[Event]) -> Candidate:
+def best_at(
+    evidence: Evidence, events: Sequence[Event], of_recordings: Sequence[Sequence[Profiles]]
+) -> Candidate:
     """Return the best candidate like an event: of its kind and quantities, with edges near its own."""
     first = events[0]
     names = [event.quantity for event in events]
-    windows = evidence.problem.balances[first.recording].windows
     if first.kind == "after_tilt":
         return _after_tilt(evidence, first.recording, first.time)
-    every = [*_profiles(windows.start, windows.duration), *_shapes(windows)]
-    profiles = next(own for own in every if own.kind == first.kind)
+    profiles = next(own for own in of_recordings[first.recording] if own.kind == first.kind)
     (gains,) = evidence.gains(names, first.recording, [profiles])
     near = np.abs(profiles.edges - np.array(first.edges)).max(axis=1, initial=0.0)
     if first.kind in HAPPENS:

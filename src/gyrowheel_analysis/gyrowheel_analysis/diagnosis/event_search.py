@@ -42,7 +42,7 @@ def search_events(
     of_recordings = places(problem)
     while len(found) < _MOST:
         evidence = Evidence(problem.with_events(all_of(found)), fit, rows_of(problem, laws))
-        candidates = scan(evidence)
+        candidates = scan(evidence, of_recordings)
         best = _simplest(candidates)
         if best.score < EVENT_GAIN:
             break
@@ -82,7 +82,7 @@ def fitted_together(
         while k < len(own):
             others = own[:k] + own[k + 1 :]
             evidence = Evidence(problem.with_events(all_of(others)), fit, law_rows)
-            candidate = best_at(evidence, own[k].events)
+            candidate = best_at(evidence, own[k].events, of_recordings)
             again = _fewer(evidence, with_times(evidence, candidate, recordings[candidate.first.recording]))
             if again.gain - price(again.event.kind, of_recordings) < EVENT_GAIN:
                 own = others
