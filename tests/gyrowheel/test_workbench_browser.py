@@ -320,6 +320,78 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
     assert [url for url in asked if not url.startswith((server.url, "data:", "blob:"))] == []
 
 
+#: Hidden effects of further whole jobs.
+JOBS: dict[str, list[Any]] = {
+    "two effects": ["aero_cross", "windage"],
+    "three lobes": [gw.own_effect("mine: torque = k*conj(z)^2*r")],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.study  # the whole loop by keyboard is a job with one effect
+@needs_browser
+@pytest.mark.parametrize("job", JOBS)
+def test_a_whole_job_without_scrolling_the_page(job: str, tmp_path: Path) -> None:
+    from playwright.sync_api import expect
+
+    for plan in ("quick", "check"):
+        gw.simulate(plan, effects=JOBS[job], machine=6, folder=tmp_path / "runs" / plan)
+    session = Session(Library([tmp_path / "runs"]), gw.Model())
+    expect.set_options(timeout=240_000)
+    with Server(session, port=0) as server, opened_browser() as browser:
+        page = browser.new_page(viewport={"width": 1400, "height": 900})
+        page.set_default_timeout(240_000)
+        page.goto(server.url)
+
+        def done() -> None:
+            expect(page.locator("#job button")).to_have_count(0)
+
+        def in_sight(*places: str) -> None:
+            page.wait_for_function(
+                "(places) => document.documentElement.scrollHeight <= innerHeight && places.every((place) => {"
+                " const box = document.querySelector(place)?.getBoundingClientRect();"
+                " return box && box.height && box.top >= 0 && box.top + 40 <= innerHeight; })",
+                arg=list(places),
+            )
+
+        for plan, use in (("quick", "fit"), ("check", "only predict")):
+            row = page.locator("#part-recordings li").filter(has=page.locator("b", has_text=plan))
+            row.get_by_role("button", name=use).click()
+            expect(page.locator(f"#tabs button:has-text('{plan}')")).to_be_visible()
+            done()
+        page.locator("#part-verdict button[data-do=diagnose]").click()
+        expect(page.locator("#part-verdict button[data-do=add_all]")).to_be_visible()
+        done()
+        page.locator("#steps [data-step=where]").click()
+        page.locator(".map button").nth(3).click()
+        expect(page.locator("#chosen")).to_contain_text("windows chosen")
+        in_sight("#part-verdict", "#where", "#plots", "#chosen .said")
+        page.locator("#part-verdict button[data-do=add_all]").click()
+        expect(page.locator("#part-model .card").first).to_be_visible()
+        done()
+        page.locator("#steps [data-step=proof]").click()
+        in_sight("#part-verdict", "#fall", "#residual", "[data-do=undo]")
+        added = session.step.model.added
+        assert added is not None
+        assert added.error.validation_before is not None
+        assert added.error.validation_after is not None
+        assert added.error.validation_after.chi2_per_n < 1.3**2 < added.error.validation_before.chi2_per_n
+        assert added.proof.proven
+        names = list(session.step.model.effects)
+        assert set(names) == ({"aero_cross", "windage"} if job == "two effects" else {"lobes"})
+        page.locator("[data-do=undo]").click()
+        expect(page.locator("#part-model .card")).to_have_count(0)
+        page.locator("[data-do=redo]").click()
+        expect(page.locator("#part-model .card")).to_have_count(len(names))
+        page.locator("#save-name").fill("better.yaml")
+        page.locator("form[data-do=save] button").click()
+        expect(page.locator("form[data-do=save] [role=status]")).to_have_text("saved")
+        page.reload()
+        expect(page.locator("#steps [data-step=proof]")).to_have_attribute("aria-pressed", "true")
+        in_sight("#part-verdict", "#fall", "#residual")
+        assert list(gw.Model.load(tmp_path / "runs" / "better.yaml").effects) == names
+
+
 @pytest.mark.slow
 @needs_browser
 def test_a_page_reconnects_and_asks_for_the_token(wheel: Wheel) -> None:

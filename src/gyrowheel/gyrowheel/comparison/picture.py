@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,20 +57,20 @@ def figure_of_failure(result: Comparison) -> Figure:
     )
     norm = LogNorm(vmin=1.0, vmax=_WORST)
     groups = _chosen(speed_groups(data.windows.mean_spin), data)
-    above = figure.add_gridspec(1, len(groups), left=0.06, right=0.975, top=0.83, bottom=0.44, wspace=0.18)
+    above = figure.add_gridspec(1, len(groups), left=0.06, right=0.975, top=0.84, bottom=0.46, wspace=0.18)
     scale = arrow_scale(data) if COILS in data.parts else None
     for place, group in enumerate(groups):
         _plane(figure.add_subplot(above[0, place]), data, group, scale, norm, first=place == 0)
     maps = [residual_map(data, (name,)) for name in VARIABLES]
     widths = [max(len(m.cells), 3) for m in maps]
     below = figure.add_gridspec(
-        1, len(maps), left=0.115, right=0.905, top=0.32, bottom=0.1, wspace=0.06, width_ratios=widths
+        1, len(maps), left=0.115, right=0.905, top=0.35, bottom=0.085, wspace=0.06, width_ratios=widths
     )
     strips = [
         _strip(figure.add_subplot(below[0, place]), shown, data, norm, first=place == 0)
         for place, shown in enumerate(maps)
     ]
-    bar = figure.colorbar(strips[0], cax=figure.add_axes((0.925, 0.1, 0.012, 0.22)), extend="both")
+    bar = figure.colorbar(strips[0], cax=figure.add_axes((0.925, 0.085, 0.012, 0.265)), extend="both")
     bar.set_label("χ²/N")
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     return figure
@@ -175,12 +175,16 @@ def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, 
         dark = values[i, j] > math.sqrt(_WORST)
         text = f"{values[i, j]:.0f}" if values[i, j] >= 9.95 else f"{values[i, j]:.1f}"
         if values.shape[1] <= 9:
-            axes.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if dark else DARK)
-    axes.set_xticks(range(len(shown.cells)), [cell_label(variable, cell) for cell in shown.cells], fontsize=9)
+            axes.text(j, i, text, ha="center", va="center", fontsize=10, color="white" if dark else DARK)
+    axes.set_xticks(
+        range(len(shown.cells)), [cell_label(variable, cell) for cell in shown.cells], fontsize=10
+    )
     if any(len(cell_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
         axes.tick_params(axis="x", rotation=45)
     axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
-    axes.set_title(axis_title(variable), fontsize=10.5, loc="center")
+    # the title of a narrow strip begins over its neighbour, and stays clear of the scale of colours
+    loc: Literal["center", "right"] = "center" if len(shown.cells) > 2 else "right"
+    axes.set_title(axis_title(variable), fontsize=11, loc=loc)
     axes.tick_params(length=0)
     for side in axes.spines.values():
         side.set_visible(False)
