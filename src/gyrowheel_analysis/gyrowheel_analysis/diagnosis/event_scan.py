@@ -69,7 +69,6 @@ class Candidate:
 
 
 _NO_PAIRS = np.zeros((0, 2), dtype=np.int64)
-_CHUNK = 4096  # bursts whose sums over the regressors are in memory at once
 
 
 class _Steps(Profiles):
@@ -96,12 +95,15 @@ class _Bursts(Profiles):
         self.stride = -(-n // _BURST_EDGES)
         # a burst with hardly anything before or after it is a step
         every = np.arange(BURST_BESIDE, n - BURST_BESIDE + 1)
-        grid = every[:: self.stride]
-        a, b = np.triu_indices(len(grid), k=1)
-        pairs = np.column_stack([grid[a], grid[b]])
+        self._grid = every[:: self.stride]
+        self._ends = np.triu_indices(len(self._grid), k=1)  # of a burst, on the grid
+        pairs = np.column_stack([self._grid[end] for end in self._ends])
+        self._order = np.arange(len(pairs))  # of those on the grid, then the short ones by their length
+        self._within = slice(every[0], every[-1] + 1)
         if self.stride > 1:
             short = [np.column_stack([every[:-k], every[k:]]) for k in range(1, _SHORT_BURST + 1)]
-            pairs = np.unique(np.concatenate([pairs, *short]), axis=0)  # in the order of time
+            # in the order of time
+            pairs, self._order = np.unique(np.concatenate([pairs, *short]), axis=0, return_index=True)
         self._pairs, self._possible = pairs, _within(n)
         edges = np.column_stack([between[self._pairs[:, 0] - 1], between[self._pairs[:, 1] - 1]])
         super().__init__("burst", edges, np.zeros((0, 0)))
@@ -118,17 +120,22 @@ class _Bursts(Profiles):
         return block.of_steps(left, right, self._pairs)[1]
 
     def explained(self, left: Array, right: Array) -> Array:
-        before = [np.concatenate([np.zeros((1, len(own))), own.T.cumsum(axis=0)]) for own in (left, right)]
-        if self.stride == 1:
-            a, b = self._pairs.T
-            gram = before[0] @ before[1].T
-            return np.asarray(gram[b, b] - gram[a, b] - gram[b, a] + gram[a, a])
-        result = np.empty(len(self._pairs))
-        for at in range(0, len(result), _CHUNK):
-            first, last = self._pairs[at : at + _CHUNK].T
-            one, other = (own[last] - own[first] for own in before)
-            result[at : at + _CHUNK] = np.einsum("ep,ep->e", one, other)
-        return result
+        one, other = (
+            np.concatenate([np.zeros((1, len(own))), own.T.cumsum(axis=0)]) for own in (left, right)
+        )
+        own = np.einsum("np,np->n", one, other)
+        mixed = self._mixed(one, other)
+        mixed += mixed if right is left else self._mixed(other, one)
+        a, b = self._pairs.T
+        return np.asarray(own[a] + own[b] - mixed)
+
+    def _mixed(self, one: Array, other: Array) -> Array:
+        """Return the products (events,) of the rows of `one` (n + 1, p) at the begins and of `other` at the ends."""
+        found = [(one[self._grid] @ other[self._grid].T)[self._ends]]
+        if self.stride > 1:
+            begins, ends = one[self._within], other[self._within]
+            found += [np.einsum("np,np->n", begins[:-k], ends[k:]) for k in range(1, _SHORT_BURST + 1)]
+        return np.concatenate(found)[self._order]
 
 
 class _Swings(Profiles):
