@@ -101,7 +101,8 @@ def meaning_of(name: str, unit: str = "") -> Meaning:
         # in a structure the part before qualifies the last one: `velocity.tilt_x` is no tilt
         before, _ = _words(re.split(r"[/.]", path[:cut])[-1], own)
         other = path[cut] == "." and set(before) & (_WORDS["rate"] | _WORDS["torque"])
-        if not other and (not fields or (_has(set(ends), "x", "y") and 3 in clear.values())):
+        whole = _has(set(ends), "x", "y", "volt", "ampere")
+        if not other and (not fields or (whole and 3 in clear.values())):
             fields = clear
     every = set(words)
     if _has(set(ends), "other") or _has(every, "statistic"):

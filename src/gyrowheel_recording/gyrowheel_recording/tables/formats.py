@@ -14,7 +14,7 @@ from gyrowheel_recording.tables import apart
 from gyrowheel_recording.tables.grid import Grid
 from gyrowheel_recording.tables.readers import arrow, bag, hdf5, lvm, matlab, mdf, tdms
 from gyrowheel_recording.tables.readers import text_table as texts
-from gyrowheel_recording.tables.text import text_of
+from gyrowheel_recording.tables.text import text_of, unicode_of
 
 _HEAD: Final = 1 << 16  # bytes by which a file is known
 _HDF5: Final = b"\x89HDF\r\n\x1a\n"
@@ -98,6 +98,11 @@ _OTHERS: Final = (
     (b"\xd0\xcf\x11\xe0", "a spreadsheet; save its sheet as CSV"),
     (b"ARROW1", "a Feather file; save it as Parquet"),
     (b"FEA1", "a Feather file; save it as Parquet"),
+    (b"CDF\x01", "a netCDF 3 file; `nccopy -k nc4` makes netCDF 4 of it"),
+    (b"CDF\x02", "a netCDF 3 file; `nccopy -k nc4` makes netCDF 4 of it"),
+    (b"\x93NUMPY", "an array of NumPy, whose columns have no names; save it as CSV with a line of names"),
+    (b"{", "JSON; save it as CSV or Parquet, a column for every reading"),
+    (b"[{", "JSON; save it as CSV or Parquet, a column for every reading"),
     (b"%PDF", "a PDF"),
     (b"\x89PNG", "a picture"),
 )
@@ -133,7 +138,7 @@ def format_of(path: Path) -> Format:
     ending = path.suffix.lower()
     if path.suffix == ".mat":  # version 4 begins with numbers
         return _BY_NAME["mat"]
-    if b"\0" not in head or head.startswith((b"\xff\xfe", b"\xfe\xff")):
+    if b"\0" not in head or unicode_of(head) != "utf-8":
         return _BY_NAME["text"]
     if ending == ".csv":
         raise InputError(f"{path}: is no text: it has a zero byte near its beginning; allowed: {READABLE}")

@@ -57,6 +57,19 @@ _APART: Final = re.compile(r"\s{2,}|\t")
 _REMARKS: Final = ("", "comment", "comments", "remark", "remarks", "note", "notes", "kommentar", "bemerkung")
 _NOTHING: Final = frozenset(EMPTY)
 _ENCODINGS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+_CHINESE: Final = re.compile(rb"([\xb0-\xf7][\xa1-\xfe])+")  # characters of GB 2312 in its two bytes each
+_PAIRS: Final = 64  # bytes by which two a character are told from one
+
+
+def unicode_of(data: bytes) -> str:
+    """Return the encoding of a text by its first bytes; UTF-8 where these do not show another one."""
+    for mark, name in _ENCODINGS:
+        if data.startswith(mark):
+            return name
+    first, second = data[:_PAIRS:2], data[1:_PAIRS:2]
+    if len(second) > 1 and not any(second) and all(first):
+        return "utf-16-le"
+    return "utf-16-be" if len(second) > 1 and not any(first) and all(second) else "utf-8"
 
 
 @dataclass(frozen=True)
@@ -160,7 +173,15 @@ def form_of(
 
 
 def one_byte_encoding(data: bytes) -> str:
-    """Return the encoding of a text that is not Unicode: that of Windows where it has signs that Latin 1 lacks."""
+    """Return the encoding of a text that is not Unicode: that of Windows where it has signs that Latin 1 lacks.
+
+    Chinese where all signs beyond ASCII come in such pairs as GB 2312 has.
+    """
+    runs = re.findall(rb"[\x80-\xff]+", data[:_SEEN])
+    if runs and all(len(run) % 2 == 0 and _CHINESE.fullmatch(run) for run in runs):
+        with contextlib.suppress(UnicodeDecodeError):
+            data[:_SEEN].decode("gb18030")
+            return "gb18030"
     try:
         return "cp1252" if any(sign > "\xff" for sign in data.decode("cp1252")) else "latin-1"
     except UnicodeDecodeError:
@@ -175,7 +196,7 @@ def _form(
     if encoding:
         text = codecs.getincrementaldecoder(encoding)().decode(data, whole)
     else:
-        encoding = next((name for mark, name in _ENCODINGS if data.startswith(mark)), "utf-8")
+        encoding = unicode_of(data)
         try:
             # a letter may be cut in two at the end
             text = codecs.getincrementaldecoder(encoding)().decode(data, whole)

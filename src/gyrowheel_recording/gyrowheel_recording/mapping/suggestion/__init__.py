@@ -77,7 +77,7 @@ class Suggestion:
         for key in ("time", "sequence"):
             if key in self.content:
                 lines.append(f"{key}: {_flow(self.content[key])}  # {reasons.get(key, '')}".rstrip(" #"))
-        lines.append("columns:")
+        lines.append("columns:" if self.content.get("columns") else "columns: {}")
         for name, source in self.content.get("columns", {}).items():
             why = reasons.get(name) or reasons.get(name.replace("voltage", "current"), "")
             lines.append(f"  {name}: {_flow(source)}  # {why}".rstrip(" #"))
@@ -120,6 +120,12 @@ _WHOLE_TURNS: Final = (
 #: MATLAB and Python; of the Julian date.
 _SERIAL: Final = ((2e4, 8e4), (7.0e5, 7.7e5), (2.44e6, 2.48e6))
 _NEAR: Final = 0.03  # part by which a range may fall short of a whole turn
+#: Numbers of our time by their unit, what a number is in it, and since when: 1970, and as Windows counts, 1601 and 1.
+_EPOCHS: Final = (
+    *((1e9 * k, 2.2e9 * k, unit, 1.0, "1970") for k, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us"), (1e9, "ns"))),
+    (1.2e17, 1.5e17, "us", 0.1, "1601, 100 ns each"),
+    (6.25e17, 6.6e17, "us", 0.1, "the year 1, 100 ns each"),
+)  # fmt: skip
 
 
 def usual_size(own: str, bench: Bench) -> tuple[float, float]:
@@ -161,6 +167,16 @@ def guess_unit(own: str, values: Array, bench: Bench) -> str:
         return fitting[0] if fitting else ""
     low, high = usual_size(own, bench)
     return next((unit for unit in _GUESSES[own] if low <= largest(values, unit, own) <= high), "")
+
+
+def epoch_unit(values: Array) -> tuple[str, float, str]:
+    """Return the unit of times that count from a usual date on, their scale, and why; empty where they do not."""
+    middle, step = float(np.median(values)), period_of(values[:SOME])
+    for low, high, unit, scale, since in _EPOCHS:
+        size = step * scale * conversion(unit, "s")[1]
+        if low < middle < high and 2.0 * SHORTEST <= size <= 0.5 * LONGEST:
+            return unit, scale, f"counts from {since}"
+    return "", 1.0, ""
 
 
 def angle_unit(values: Array, unit: str) -> tuple[str, float, str]:

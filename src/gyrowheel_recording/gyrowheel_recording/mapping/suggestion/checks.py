@@ -37,6 +37,7 @@ _PAIRS: Final = (
 _AS_MUCH: Final = 0.15  # by which the logarithm of a jump may differ from that of such a factor
 _BLOCK: Final = 50  # rows whose size is compared with that of the next ones
 _BESIDE: Final = 20  # rows before and after a jump
+_MOSTLY_NEW: Final = 0.7  # part of the rows that have another value than the row before
 _CLIPPED: Final = ("tilt_x", "tilt_y", "spin_rate", "coil_voltage_x", "coil_voltage_y", *COIL_CURRENT, "motor_voltage",
                    "motor_current")  # fmt: skip
 _STAYS: Final = 20  # values in a row at the end of a range
@@ -70,12 +71,16 @@ def odd_cells(field: str, name: str, column: Column) -> list[Problem]:
     found = []
     for odd in column.odd:
         what, cure = _ODD[odd.kind]
+        if field == TIME and odd.kind == "text":
+            cure = "Take these rows out."
         missing = odd.kind == "text" and odd.text.lower() in _NO_READING
         if missing:
             what, cure = "hold {text}, {where}: no reading.", "`csv: missing:` in the map says so."
         strange = next((sign for sign in odd.text if not sign.isascii()), "")
         named = f"'{odd.text[:24]}'" + (f" (with the character U+{ord(strange):04X})" if strange else "")
         what = what.format(where=f"first in row {odd.row + 1}", text=named)
+        if odd.count == 1:
+            what = what.replace("hold", "holds", 1).replace("have", "has", 1)
         cells = f"{odd.count} cell{'s' * (odd.count > 1)} of '{name}'"
         found.append(Problem(f"{field}: {cells} {what}", cure, asks=not missing))
     return found
@@ -165,6 +170,11 @@ def _longest(where: NDArray[np.bool_]) -> int:
 
 def _two_units(own: Proposal, values: Array) -> Iterator[Problem]:
     """Yield that a column goes on in another unit: from one row to the next all is larger by such a factor."""
+    new = np.flatnonzero(np.r_[True, np.diff(values) != 0.0])
+    if _BESIDE < len(new) < _MOSTLY_NEW * len(values):  # of a reading that is repeated, the new values count
+        values = values[new]
+    else:
+        new = np.arange(len(values))
     blocks = len(values) // _BLOCK
     if own.field == "spin_angle" or blocks < 8:
         return
@@ -190,7 +200,7 @@ def _two_units(own: Proposal, values: Array) -> Iterator[Problem]:
                     if not _scatters_as_much(here, factor):
                         continue
                     yield Problem(
-                        f"{own.field}: '{own.column}' goes on in another unit from row {k * _BLOCK + row + 2} on: "
+                        f"{own.field}: '{own.column}' goes on in another unit from row {new[k * _BLOCK + row + 1] + 1} on: "
                         f"all is {high / low:.4g} times as {'large' if after[0] > before[-1] else 'small'}, as "
                         f"between {units[0]} and {units[1]}.",
                         "Write all rows in one unit.",
@@ -243,14 +253,26 @@ _MANY: Final = 0.05  # of the rows: rows that go back so often are those of seve
 _GOES_ON: Final = 0.5  # of a step: how far the angle may be off where the rows go on evenly
 
 
-def rows_in_order(times: Array, column: str, turned: Array | None = None) -> tuple[Problem | None, slice]:
+def rows_in_order(
+    times: Array, column: str, turned: Array | None = None, *, unit: str = ""
+) -> tuple[Problem | None, slice]:
     """Return what is wrong with the order of times (n,), and the longest ascending stretch of rows.
 
     `turned` (n,) is the angle of the shaft in turns, where it is known: it shows whether rows follow each other.
+    `unit` stands behind differences of times in messages.
     """
     steps = np.diff(times)
     everything = slice(0, len(times))
-    if len(steps) < 3 or not np.isfinite(steps).all() or rounded_to(times) is not None:
+    if len(steps) < 3 or not np.isfinite(steps).all():
+        return None, everything
+    if len(digits := np.flatnonzero(_next_minute(times))):
+        k = int(digits[0])
+        return Problem(
+            f"time: '{column}' seems to have hours, minutes and seconds in one number: {times[k]:.14g} is followed by "
+            f"{times[k + 1]:.14g} in row {k + 2}.",
+            "Write seconds from the beginning, or dates with times such as 2026-05-04T10:00:00.0005.",
+        ), slice(0, k + 1)
+    if rounded_to(times) is not None:
         return None, everything
     period = float(np.median(steps[:SOME]))
     scatter = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
@@ -262,7 +284,15 @@ def rows_in_order(times: Array, column: str, turned: Array | None = None) -> tup
     edges = np.r_[0, wrong + 1, len(times)]
     longest = int(np.argmax(np.diff(edges)))
     part = slice(int(edges[longest]), int(edges[longest + 1]))
-    return Problem(*_order_problem(times, wrong, period, column, _go_on(turned, wrong))), part
+    return Problem(*_order_problem(times, wrong, period, column, _go_on(turned, wrong), unit)), part
+
+
+def _next_minute(times: Array) -> NDArray[np.bool_]:
+    """Return after which rows numbers such as 105959.9 go on with 110000.0: digits of a clock, and not of a number."""
+    second = np.mod(times, 100.0)
+    jump = np.mod(np.diff(times), 4000.0)  # 40 to the next minute, 4040 to the next hour
+    ends = (second[:-1] > 59.0) & (second[1:] < 1.0) & (jump > 39.5) & (jump < 41.0)
+    return np.asarray(ends & bool(np.all(second <= 60.0)))
 
 
 def _go_on(turned: Array | None, wrong: NDArray[np.int64]) -> bool | None:
@@ -291,7 +321,7 @@ def counter_range(before: Array, after: Array, period: float) -> float:
 
 
 def _order_problem(
-    times: Array, wrong: NDArray[np.int64], period: float, column: str, goes_on: bool | None
+    times: Array, wrong: NDArray[np.int64], period: float, column: str, goes_on: bool | None, unit: str
 ) -> tuple[str, str]:
     row, places = (
         int(wrong[0]) + 2,
@@ -321,17 +351,17 @@ def _order_problem(
             f"time: '{column}' restarts in {places}: recordings follow each other.",
             f"Cut the file there, before row {row}, and import each part alone.",
         )
-    back = float(before[0] + period - after[0])
+    back = f"{before[0] + period - after[0]:.6g}{unit}"
     if goes_on:
         return (
-            f"time: '{column}' was set back by {back:.6g} in {places}: the rows stand in order, since the angle goes "
+            f"time: '{column}' was set back by {back} in {places}: the rows stand in order, since the angle goes "
             "on evenly there.",
-            f"Add {back:.6g} to the times from row {row} on, or cut the file there; in another order the rows would "
+            f"Add {back} to the times from row {row} on, or cut the file there; in another order the rows would "
             "be wrong.",
         )
     return (
-        f"time: '{column}' goes back by {back:.6g} in {places}: its clock was set back, or another recording begins.",
-        f"Cut the file there, before row {row}, and import each part alone; or add {back:.6g} to the times from "
+        f"time: '{column}' goes back by {back} in {places}: its clock was set back, or another recording begins.",
+        f"Cut the file there, before row {row}, and import each part alone; or add {back} to the times from "
         "there on, where the rows follow each other.",
     )
 

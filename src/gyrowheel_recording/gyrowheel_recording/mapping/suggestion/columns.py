@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_recording.mapping.column_names import (
+    COIL_CURRENT,
     INPUTS,
     SEQUENCE,
     TEMPERATURE,
     TIME,
     UNITS,
     Meaning,
+    known_unit,
     meaning_of,
 )
 from gyrowheel_recording.mapping.map_file import READINGS, TIMESTAMP
-from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, angle_unit, guess_unit
+from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, angle_unit, epoch_unit, guess_unit
 from gyrowheel_recording.mapping.suggestion.checks import odd_cells
 from gyrowheel_recording.mapping.suggestion.pulses import counted_angle, has_levels, pulsed_angle
 from gyrowheel_recording.tables import Column, Grid
@@ -55,6 +57,8 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
     taken: set[str] = set()
     for score, _, name, own in sorted(claims):
         if name in taken or own in found or -score <= 0.0:
+            continue
+        if own in COIL_CURRENT and own.replace("current", "voltage") in found:
             continue
         column, what = grid.columns[name], names[name]
         if own == TEMPERATURE:
@@ -142,7 +146,7 @@ def _thermometers(
 def _unread(column: Column, what: Meaning, found: Mapping[str, Proposal]) -> list[Problem]:
     """Return the problems of a column that cannot be used, where no other column has its reading."""
     own = max(what.fields, key=lambda field: what.fields[field], default="")
-    if what.fields.get(own, 0) < 2 or what.commanded or (own in found and own != TIME):
+    if what.fields.get(own, 0) < 2 or own == SEQUENCE or what.commanded or (own in found and own != TIME):
         return []
     if column.odd:
         return odd_cells(own, column.name, column)
@@ -157,12 +161,12 @@ def _unread(column: Column, what: Meaning, found: Mapping[str, Proposal]) -> lis
     row, text = next(((k, str(value)) for k, value in enumerate(column.values, 1) if str(value)), (1, ""))
     strange = next((sign for sign in text if not sign.isascii()), "")
     named = f", with the character U+{ord(strange):04X} in it" if strange else ""
-    return [
-        Problem(
-            f"column '{column.name}' holds text, such as '{text[:20]}' in row {row}{named}.",
-            "Write plain numbers in every row, digits with one decimal sign; leave a cell empty where there is none.",
-        )
-    ]
+    cure = (
+        "Write seconds from the beginning, or dates with times such as 2026-05-04T10:00:00.0005."
+        if own == TIME
+        else "Write plain numbers in every row, digits with one decimal sign; leave a cell empty where there is none."
+    )
+    return [Problem(f"column '{column.name}' holds text, such as '{text[:24]}' in row {row}{named}.", cure)]
 
 
 def _rivals(
@@ -271,7 +275,13 @@ def _time_by_values(
             continue
         values = np.asarray(column.values[:SOME]).astype(np.float64)
         steps = np.diff(values)
-        if len(steps) > 10 and np.all(steps > 0.0) and float(np.std(steps)) < 0.5 * float(np.mean(steps)):
+        counts = bool(np.all(steps == 1.0)) and not known_unit(column.unit)  # numbers of rows, not times
+        if (
+            not counts
+            and len(steps) > 10
+            and np.all(steps > 0.0)
+            and float(np.std(steps)) < 0.5 * float(np.mean(steps))
+        ):
             proposal = _proposed(TIME, column, meaning_of("time", column.unit), bench)
             if proposal is not None:
                 found[TIME] = replace(proposal, reason=f"rises evenly; {proposal.reason}")
@@ -291,8 +301,11 @@ def _clock_for(grid: Grid, column: str, usual: str) -> str:
         and len(own.values) == rows
         and TIME in meaning_of(name[len(_folder(name)) :], own.unit).fields
     ]
-    like = [name for name in like if _folder(name) == here] or [name for name in like if name != usual]
-    return "" if usual in like or not like else min(like, key=len)
+    near = [name for name in like if _folder(name) == here and (here or usual not in like)]
+    if not near and usual in like:
+        return ""
+    near = near or like
+    return "" if usual in near or not near else min(near, key=len)
 
 
 def _folder(column: str) -> str:
@@ -319,6 +332,8 @@ def _proposed(own: str, column: Column, what: Meaning, bench: Bench) -> Proposal
     if own == "spin_angle":
         unit, scale, why = angle_unit(values, what.unit)
         return Proposal(own, column.name, unit, scale, f"{said}; {why}", bool(what.unit), "", low, high)
+    if own == TIME and not unit and (epoch := epoch_unit(values))[0]:
+        return Proposal(own, column.name, *epoch[:2], f"{said}; {epoch[2]}", True, "", low, high)
     if not unit:
         unit = guess_unit(own, values, bench)
         if not unit:

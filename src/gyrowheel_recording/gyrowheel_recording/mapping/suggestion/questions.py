@@ -103,8 +103,13 @@ def column_problems(
     if TIME in found and found[TIME].unit != TIMESTAMP:
         own = found[TIME]
         times = np.asarray(grid.columns[own.column].values, dtype=np.float64)
-        step = period_of(times[np.isfinite(times)]) * conversion(own.unit, "s")[1]
-        if not SHORTEST <= step <= LONGEST:
+        times = times[np.isfinite(times)]
+        step = period_of(times) * own.scale * conversion(own.unit, "s")[1]
+        if step < 0.0:
+            pass  # rows that run backward are reported by their order
+        elif len(times) > 2 and not np.any(np.diff(times)):
+            ask(f"time: '{own.column}' is {times[0]:.10g} in every row.", "Write times with more digits.")
+        elif not SHORTEST <= step <= LONGEST:
             other = guess_unit(TIME, times, bench)
             cure = f"Is it in {other}? Set `unit: {other}`." if other else "Check unit and column."
             if other:

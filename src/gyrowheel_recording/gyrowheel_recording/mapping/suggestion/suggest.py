@@ -51,7 +51,8 @@ def map_content(
     if bench_name:
         content["bench"] = bench_name
     if TIME in found:
-        content["time"] = {"column": found[TIME].column, "unit": found[TIME].unit}
+        scale = {} if found[TIME].scale == 1.0 else {"scale": found[TIME].scale}
+        content["time"] = {"column": found[TIME].column, "unit": found[TIME].unit} | scale
     if SEQUENCE in found:
         content["sequence"] = {"column": found[SEQUENCE].column}
     sentinels = {name: sentinel(own, grid.columns[own.column]) for name, own in found.items()}
@@ -240,7 +241,10 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
     trial_grid = table.raw if table.given else None
     if rows is not None:
         trial_grid = table.raw.cut(rows)
-    trial = _trial_imports(table, found, content, likelier, trial_grid, problems)
+    if rows is None or len(rows) > 1:
+        trial = _trial_imports(table, found, content, likelier, trial_grid, problems)
+    else:
+        trial = _Trial(found, content)
     recording, remarks = trial.recording, trial.remarks
     if recording is not None and not trial.setups and not any(problem.asks for problem in problems):
         problems += broken_laws(recording, bench)
@@ -330,7 +334,7 @@ def _trial_imports(
             for name, own in result.found.items()
             if name not in dropped
         }
-        if TIME not in trial or not {"spin_rate", "spin_angle"} & trial.keys():
+        if not {TIME, "tilt_x", "tilt_y"} <= trial.keys() or not {"spin_rate", "spin_angle"} & trial.keys():
             break
         try:
             tried = table.map_content(trial, []) if units or dropped else result.content
@@ -361,7 +365,9 @@ def _rows_in_order(grid: Grid, found: Mapping[str, Proposal], problems: list[Pro
     if times.dtype.kind == "M":
         known = ~np.isnat(times)
         values = (
-            (times - times[known][0]).astype("timedelta64[ns]").astype(np.float64) if known.any() else times
+            1e-9 * (times - times[known][0]).astype("timedelta64[ns]").astype(np.float64)
+            if known.any()
+            else times
         )
     else:
         values = np.asarray(times, dtype=np.float64)
@@ -373,7 +379,7 @@ def _rows_in_order(grid: Grid, found: Mapping[str, Proposal], problems: list[Pro
     angle, turned = found.get("spin_angle"), None
     if angle is not None and not angle.pulses and not angle.clock:
         turned = in_si(angle, grid, "turn")[rows]
-    wrong, part = rows_in_order(values[rows], column, turned)
+    wrong, part = rows_in_order(values[rows], column, turned, unit=" s" if times.dtype.kind == "M" else "")
     if wrong is None:
         return False, every if known.all() else rows
     problems.append(wrong)

@@ -85,13 +85,46 @@ _TO_ISO: Final = (
 )
 
 
+#: Names of months, English and German, as far as they tell one from another.
+_MONTHS: Final = (
+    "jan", "feb", "mar|mär|mrz", "apr", "may|mai", "jun", "jul", "aug", "sep", "oct|okt", "nov", "dec|dez",
+)  # fmt: skip
+_NAMED: Final = r"\d{1,2}[-. /]+\pL{3,9}\.?[-., /]+\d{4}|\pL{3,9}\.? \d{1,2},? \d{4}"
+_SLASHES: Final = r"^(?P<one>\d{1,2})/(?P<two>\d{1,2})/\d{4}"
+
+
+def _with_numbers(values: Any) -> Any:
+    """Return dates with names of months, without signs between the digits, or with slashes as those with points.
+
+    Of two numbers between slashes the one that is beyond 12 somewhere in the column is the day; where neither is,
+    the dates stay as they are.
+    """
+    if pc.any(pc.match_substring_regex(values, f"^({_NAMED})")).as_py():
+        for month, names in enumerate(_MONTHS, 1):
+            values = pc.replace_substring_regex(
+                values, rf"(?i)^(\d{{1,2}})[-. /]+(?:{names})\pL*\.?[-., /]+(\d{{4}})", rf"\1.{month}.\2"
+            )
+            values = pc.replace_substring_regex(
+                values, rf"(?i)^(?:{names})\pL*\.? (\d{{1,2}}),? (\d{{4}})", rf"\1.{month}.\2"
+            )
+    values = pc.replace_substring_regex(values, r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)", r"\1-\2-\3T\4:\5:\6")
+    values = pc.replace_substring_regex(values, r"(:\d\d:\d\d):(\d{3,9})$", r"\1.\2")
+    part = pc.extract_regex(values.combine_chunks() if hasattr(values, "combine_chunks") else values, _SLASHES)
+    if len(part) and part.null_count == values.null_count < len(part):
+        one, two = (pc.max(pc.cast(part.field(name), pa.int64())).as_py() or 0 for name in ("one", "two"))
+        if (one > 12) != (two > 12):
+            turned = r"\1.\2.\3" if one > 12 else r"\2.\1.\3"
+            values = pc.replace_substring_regex(values, r"^(\d{1,2})/(\d{1,2})/(\d{4})", turned)
+    return values
+
+
 def dates_of(values: Any) -> Any:
     """Return a column of texts as dates with times, or None if one of them is no date.
 
     `values`: texts; null where a cell is empty. Dates as in ISO 8601, all with a zone behind them or none, or
-    as in `_TO_ISO`. 05/04/2026 is ambiguous, and refused, but before a time with AM or PM.
+    as in `_TO_ISO` and `_with_numbers`. 05/04/2026 is ambiguous, and refused, but before a time with AM or PM.
     """
-    values = _of_24_hours(values)
+    values = _of_24_hours(_with_numbers(values))
     for _ in range(2):
         for zone in (None, "UTC"):
             with contextlib.suppress(pa.ArrowException):
@@ -111,7 +144,7 @@ def times_of_day(values: Any) -> tuple[NDArray[np.float64], list[int]] | None:
     None if a cell is anything else. A step back by more than half a day is midnight; a smaller one stays one, as where
     a clock is set.
     """
-    part = pc.extract_regex(values.combine_chunks(), _OF_DAY)
+    part = pc.extract_regex(_with_numbers(values).combine_chunks(), _OF_DAY)
     if part.null_count or not len(part):
         return None
     hours, minutes, seconds = (
@@ -177,8 +210,8 @@ def _cell_kinds(decimal: str) -> list[tuple[Any, str, list[tuple[str, str]]]]:
         ),
         (
             "clock",
-            r"^(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[ T,;]*)?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?|[.,]\d+)?( ?[AaPp][Mm])?"
-            r"(Z|[-+]\d{2}(:?\d{2})?)?$",
+            rf"^(((\d{{1,4}}[-./]\d{{1,2}}[-./]\d{{1,4}}|{_NAMED})[ T,;]*)?"
+            r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?|[.,]\d+)?( ?[AaPp][Mm])?|\d{8}T\d{6}([.,]\d+)?)(Z|[-+]\d{2}(:?\d{2})?)?$",
             [],
         ),
     ]
