@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import gzip
 from pathlib import Path
 
@@ -26,6 +27,24 @@ HEADS = (
 WORDS = ("OVR", "n/a", "overload")
 
 
+def times(kind: str, seconds: list[float]) -> dict[str, list[str]]:
+    """Return the column, or the columns, of the times of a table, by their names."""
+    begin = dt.datetime(2026, 11, 12, 10, 0, 58)
+    dates = [begin + dt.timedelta(seconds=own) for own in seconds]
+    return {
+        "s": {"Time [s]": [f"{own:.4f}" for own in seconds]},
+        "ms": {"t [ms]": [f"{1e3 * own:.1f}" for own in seconds]},
+        "epoch": {"epoch [s]": [f"{1.784e9 + own:.4f}" for own in seconds]},
+        "ticks": {"Ticks": [f"{134 * 10**15 + round(1e7 * own)}" for own in seconds]},
+        "date": {"Date": [f"{own:%Y-%m-%dT%H:%M:%S.%f}" for own in dates]},
+        "month": {"Date": [f"{own:%d-%b-%YT%H:%M:%S.%f}" for own in dates]},
+        "two columns": {
+            "sec": [f"{1784000000 + int(own)}" for own in seconds],
+            "nanosec": [f"{round(1e9 * own) % 10**9}" for own in seconds],
+        },
+    }[kind]
+
+
 class Written:
     """A table written in a way that a seed chooses."""
 
@@ -34,9 +53,10 @@ class Written:
         self.delimiter = str(rng.choice([",", ";", "\t", "|", " "]))
         self.decimal = "," if self.delimiter != "," and rng.random() < 0.3 else "."
         self.end = str(rng.choice(["\n", "\r\n", "\r"]))
-        self.encoding = str(rng.choice(["utf-8", "utf-8-sig", "cp1252", "utf-16"]))
+        self.encoding = str(rng.choice(["utf-8", "utf-8-sig", "cp1252", "utf-16", "utf-16-le"]))
         self.packed = rng.random() < 0.1
-        self.units = str(rng.choice(["names", "line"]))
+        self.units = str(rng.choice(["names", "names", "line", "line", "cells"]))
+        self.times = str(rng.choice(["s", "s", "ms", "epoch", "ticks", "date", "month", "two columns"]))
         self.index = str(rng.choice(["", "", "nameless", "R", "index"]))
         self.holes = rng.random() < 0.3
         self.notes: list[str] = []
@@ -45,6 +65,13 @@ class Written:
         """Return names, units and rows of cells."""
         rng, table = self.rng, Table()
         columns = {name: values[:ROWS] for name, values in table.columns.items()}
+        columns = times(self.times, [float(text) for text in columns.pop("Time [s]")]) | columns
+        if self.units == "cells" and self.delimiter != " ":
+            columns = {
+                name.partition(" [")[0]: [cell + unit for cell in values]
+                for name, values in columns.items()
+                for unit in [name.partition(" [")[2].replace("]", "")]
+            }
         names, units, rows = (
             list(columns),
             [""] * len(columns),
@@ -52,7 +79,7 @@ class Written:
         )
         if self.units == "line":
             names, units = (
-                list(part) for part in zip(*(name[:-1].split(" [") for name in names), strict=True)
+                list(part) for part in zip(*((name.rstrip("]").split(" [") + [""])[:2] for name in names), strict=True)
             )
         if self.delimiter == " ":
             names = [name.replace(" ", "_") for name in names]
@@ -86,6 +113,8 @@ class Written:
         lines.append(self.delimiter.join(names))
         if self.units == "line":
             lines.append(self.delimiter.join(unit or "-" for unit in units))
+            if rng.random() < 0.2:  # how often each is written, as some loggers state
+                lines.append(self.delimiter.join(["Smp"] * len(units)))
         apart = "   " if self.delimiter == " " and rng.random() < 0.5 else self.delimiter
         body = [apart.join(row) for row in rows]
         if self.delimiter != " " and self.index != "R" and rng.random() < 0.15:
@@ -94,7 +123,9 @@ class Written:
             body.insert(len(body) // 2, "# paused, and went on")
         if rng.random() < 0.1:
             body.insert(len(body) // 2, "")
-        if rng.random() < 0.1:
+        if rng.random() < 0.1 and self.delimiter != " ":
+            body += [self.delimiter * (body[0].count(self.delimiter))] * 3
+        elif rng.random() < 0.1:
             body[-1] = body[-1][: len(body[-1]) // 2]
         return "\n".join([*lines, *body]) + "\n" * (rng.random() < 0.8)
 

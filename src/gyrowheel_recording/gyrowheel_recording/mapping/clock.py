@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -133,6 +133,19 @@ def period_of(time: Array) -> float:
     return (
         rounding / float(np.mean(sizes[np.abs(sizes - np.median(sizes)) <= _UNEVEN])) if len(sizes) else plain
     )
+
+
+def rows_twice(time: Array, columns: Sequence[Array]) -> NDArray[np.int64]:
+    """Return the rows (from 0 on) with the time of the row before, where most of these repeat its readings, too.
+
+    Rows with rounded times repeat none.
+    """
+    still = np.flatnonzero(np.diff(time) == 0.0)
+    own = [values for values in columns if len(values) == len(time)]
+    if not len(still) or not own:
+        return np.zeros(0, dtype=np.int64)
+    equal = np.logical_and.reduce([values[still + 1] == values[still] for values in own])
+    return still + 1 if float(np.mean(equal)) > _MOSTLY else np.zeros(0, dtype=np.int64)
 
 
 def rounded_to(time: Array) -> float | None:

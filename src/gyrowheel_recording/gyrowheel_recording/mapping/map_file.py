@@ -302,7 +302,7 @@ class CsvSettings(Section):
 
     @model_validator(mode="after")
     def _differing(self) -> CsvSettings:
-        if self.delimiter == self.decimal:
+        if "delimiter" in self.model_fields_set and self.delimiter == self.decimal:
             refuse(f"'{self.decimal}' is the delimiter, too; allowed: another character", "decimal")
         return self
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _SPARSE = 0.5  # part of the rows of samples; a slow reading with more values has holes, and no separate rows
-_FEWEST = 0.02  # smallest part of the rows that are no samples
+_FEWEST = 0.02  # smallest part of the rows that are no samples, where slow readings stand in rows of samples, too
 _BRIDGED = 4.5  # usual distances of rows with values; a wider gap is a hole
 
 
@@ -24,7 +24,9 @@ def sample_rows(fast: Mapping[str, Array], slow: Mapping[str, Array]) -> NDArray
         return np.ones(len(every), dtype=bool)
     samples = np.logical_or.reduce([np.isfinite(values) for values in fast.values()])
     others = np.logical_or.reduce([np.isfinite(values) for values in slow.values()]) & ~samples
-    if np.count_nonzero(samples) < 2 or np.count_nonzero(others) < max(_FEWEST * len(every), 1.0):
+    apart = not any(np.isfinite(values[samples]).any() for values in slow.values())
+    fewest = 2.0 if apart else max(_FEWEST * len(every), 1.0)
+    if np.count_nonzero(samples) < 2 or np.count_nonzero(others) < fewest:
         return np.ones(len(every), dtype=bool)
     return np.asarray(samples | ~others)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import conversion, unit_registry
-from gyrowheel_recording.mapping.clock import FARTHEST, Clock, ClockError, clock_of, period_of
+from gyrowheel_recording.mapping.clock import FARTHEST, Clock, ClockError, clock_of, period_of, rows_twice
 from gyrowheel_recording.mapping.map_file import (
     COUNT,
     READINGS,
@@ -33,6 +33,8 @@ from gyrowheel_recording.tables import Column, Grid
 Array = NDArray[np.float64]
 
 SUFFIXES: Final = (".csv", ".parquet")
+#: Periods of a clock for which what changes slowly is held before its first and after its last row, and any reading.
+_HELD, _JUST_OUTSIDE = 1.5, 0.01
 _BRIDGED: Final = 4.5  # periods of a clock; over a longer gap only what changes slowly is interpolated
 
 
@@ -171,6 +173,11 @@ class Table:
                 raise self._error(source.column, what, k)
             if self._map.every > 1:
                 numbers = renumbered(numbers, self._map.every)
+        columns = [self._columns.get(s.column) for name, s in self._map.columns.items() if not READINGS[name].constant]
+        readings = [column.to_numpy() for column in columns if column is not None]
+        if numbers is None and len(twice := rows_twice(self._time, readings)):
+            what = "the time and the readings of the row before: it is there twice; allowed: each once"
+            raise self._error(self._map.time.column, what, int(twice[0]))
         try:
             return clock_of(self._time, numbers)
         except ClockError as error:
@@ -303,13 +310,16 @@ class Table:
                 self._pulses[source.column] = self._edge_times(source, start), np.zeros(0)
                 others.pop(source.column, None)
         begin, end = 0, len(time)
+        slow = {own.column for name, own in self._map.columns.items() if READINGS[name].constant}
         for clock in dict.fromkeys(others.values()):
             there, _ = self._seconds(clock, start, self._map.clocks.get(clock, 0.0))
             if len(there) < 2 or np.any(np.diff(there) < 0.0):
                 raise self._error(clock, "times do not ascend; allowed: those of a clock")
-            first, last = (int(k) for k in np.searchsorted(time, (there[0], there[-1])))
-            begin, end = max(begin, first), min(end, last)
-            self._interpolate([name for name, other in others.items() if other == clock], clock, time, there)
+            here = [name for name, other in others.items() if other == clock]
+            more = (_HELD if set(here) <= slow else _JUST_OUTSIDE) * period_of(there)
+            first, last = np.searchsorted(time, (there[0] - more, there[-1] + more), side="left")
+            begin, end = max(begin, int(first)), min(end, int(last))
+            self._interpolate(here, clock, time, there)
         for name, column in self._columns.items():
             if len(column) != len(time) and name not in others.values() and name not in self._pulses:
                 what = f"{len(column)} rows, '{own}' has {len(time)}; allowed: as many, or a clock of its own"
@@ -317,7 +327,9 @@ class Table:
         if end - begin < 2:
             raise InputError(f"{self.path}: {max(end - begin, 0)} rows; allowed: 2 or more, on all clocks")
         if others and (begin, end) != (0, len(time)):
-            self.remarks.append(f"{len(time) - (end - begin)} rows that not all clocks cover are left out")
+            left = len(time) - (end - begin)
+            several = "s" * (left > 1)
+            self.remarks.append(f"{left} row{several} that not all clocks cover {'are' if several else 'is'} left out")
         self._taken = self._taken[begin:end]
         self._columns = {
             name: column.slice(begin, end - begin)

@@ -38,9 +38,9 @@ _NUMBER: Final = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?|nan|[-+]?i
 #: A date with a time, a time of day, or a number with its unit behind it: cells of rows, too.
 _OTHER: Final = re.compile(
     r"(\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ,;]*)?\d{1,2}:\d\d(:\d\d([.,:]\d+)?|[.,]\d+)?( ?[AP]M)?(Z|[-+]\d\d(:?\d\d)?)?"
-    r"|[-+]?\d+([.,]\d+)*([eE][-+]?\d+)?\s*[A-Za-zµμ°Ω%/]{1,6}"
     r"|[-+]?\d{1,3}([,.' ]\d{3})+[.,]\d*|[-+]?\d{1,3}([' ]\d{3})+"
 )
+_WITH_UNIT: Final = re.compile(r"[-+]?\d+([.,]\d+)*([eE][-+]?\d+)?\s*[A-Za-zµμ°Ω%/]{1,6}")
 #: Cells that stand for "no number"; any other text is reported.
 EMPTY: Final = (
     "", "nan", "NaN", "NAN", "-nan", "-NaN", "NA", "N/A", "n/a", "#N/A", "#N/A N/A", "#NA", "#NV", "NULL", "null",
@@ -67,9 +67,9 @@ def unicode_of(data: bytes) -> str:
         if data.startswith(mark):
             return name
     first, second = data[:_PAIRS:2], data[1:_PAIRS:2]
-    if len(second) > 1 and not any(second) and all(first):
+    if all(first) and 2 * second.count(0) > len(second):
         return "utf-16-le"
-    return "utf-16-be" if len(second) > 1 and not any(first) and all(second) else "utf-8"
+    return "utf-16-be" if all(second) and 2 * first.count(0) > len(first) else "utf-8"
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def _form(
     for sign, point in itertools.product(
         [delimiter] if delimiter else _DELIMITERS, [decimal] if decimal else ".,"
     ):
-        if sign == point or (point == "," and "," not in text):
+        if (sign == point and '"' not in text) or (point == "," and "," not in text):
             continue
         if sign != " " and sign not in text:
             continue
@@ -255,6 +255,7 @@ def _words(cells: Sequence[str], decimal: str) -> set[int]:
         if not (
             (foreign not in cell and _NUMBER.fullmatch(cell.replace(decimal, ".")))
             or _OTHER.fullmatch(cell)
+            or (foreign not in cell and _WITH_UNIT.fullmatch(cell))
             or cell in _NOTHING
         )
     }
@@ -327,9 +328,14 @@ def _tried(
     at = named[-1]
     found = _head(lines[at], delimiter, shape)
     units: list[str] = []
-    if len(named) > 1 and named[-2] == at - 1 and _looks_like_units(found):
-        units, at = found, at - 1
-        found = _head(lines[at], delimiter, shape)
+    for above in reversed(named[:-1]):
+        # below the names: their units, and what is the same for all of them, as how often they are written
+        is_units = _looks_like_units(found)
+        if not (is_units or 2 * len(set(found)) < len(found)) or not set(range(above, at)) <= set(worded):
+            break
+        units = found if is_units and not units else units
+        at, found = above, _head(lines[above], delimiter, shape)
+    if units:
         units = [*units, *[""] * len(found)][: len(found)]
     # up to the last line of words; a row with an odd cell is a row
     below = max((k - at for k in range(at + 1, first) if table.words[k] and not numeric[k]), default=0)
@@ -434,6 +440,12 @@ def needs_no_change(beginning: str, form: TextForm) -> bool:
     )
 
 
+def has_empty_rows(data: bytes, form: TextForm) -> bool:
+    """Whether a text has lines of delimiters alone."""
+    sign = re.escape(form.delimiter.encode())
+    return re.search(rb'(?:^|[\r\n])[ "]*' + sign + rb'[ "' + sign + rb"]*(?:[\r\n]|$)", data) is not None
+
+
 def plain_rows(data: bytes, form: TextForm) -> tuple[bytes, list[int], int]:
     """Return the rows of a text without what a reader of comma-separated values does not know, and their lines.
 
@@ -442,7 +454,8 @@ def plain_rows(data: bytes, form: TextForm) -> tuple[bytes, list[int], int]:
     """
     lines = lines_of(data.decode(form.encoding))
     begin = form.skip_lines + (1 + form.unit_lines if form.named else 0)
-    numbered = [(k, line) for k, line in enumerate(lines[begin:], begin + 1) if line.strip()]
+    nothing = f'{form.delimiter}" \t'  # spreadsheets end a sheet by rows of delimiters alone
+    numbered = [(k, line) for k, line in enumerate(lines[begin:], begin + 1) if line.strip(nothing)]
     if form.comment:
         numbered = [own for own in numbered if not own[1].lstrip().startswith(form.comment)]
     every = len(numbered)

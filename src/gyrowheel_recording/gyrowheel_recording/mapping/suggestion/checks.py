@@ -254,12 +254,17 @@ _GOES_ON: Final = 0.5  # of a step: how far the angle may be off where the rows 
 
 
 def rows_in_order(
-    times: Array, column: str, turned: Array | None = None, *, unit: str = ""
+    times: Array,
+    column: str,
+    turned: Array | None = None,
+    twice: Sequence[int] | NDArray[np.int64] = (),
+    *,
+    unit: str = "",
 ) -> tuple[Problem | None, slice]:
     """Return what is wrong with the order of times (n,), and the longest ascending stretch of rows.
 
     `turned` (n,) is the angle of the shaft in turns, where it is known: it shows whether rows follow each other.
-    `unit` stands behind differences of times in messages.
+    `twice` are rows that repeat the row before, `unit` stands behind differences of times in messages.
     """
     steps = np.diff(times)
     everything = slice(0, len(times))
@@ -272,12 +277,12 @@ def rows_in_order(
             f"{times[k + 1]:.14g} in row {k + 2}.",
             "Write seconds from the beginning, or dates with times such as 2026-05-04T10:00:00.0005.",
         ), slice(0, k + 1)
-    if rounded_to(times) is not None:
+    if rounded_to(times) is not None and not len(twice):
         return None, everything
     period = float(np.median(steps[:SOME]))
     scatter = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
     wrong = np.flatnonzero(steps < -_CLEAR_STEPS * scatter)
-    if not len(wrong) and scatter < 0.1 * abs(period):
+    if not len(wrong) and (len(twice) or scatter < 0.1 * abs(period)):
         wrong = np.flatnonzero(steps <= 0.0)
     if not len(wrong):
         return None, everything

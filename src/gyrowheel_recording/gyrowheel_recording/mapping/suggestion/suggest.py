@@ -14,7 +14,7 @@ import numpy as np
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
-from gyrowheel_recording.mapping.clock import clock_offset
+from gyrowheel_recording.mapping.clock import clock_offset, rows_twice
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, SEQUENCE, TIME, UNITS, known_unit
 from gyrowheel_recording.mapping.exchange import import_table
 from gyrowheel_recording.mapping.map_file import READINGS, SCHEMA, ColumnMap
@@ -68,11 +68,17 @@ def map_content(
     }
     if form is not None and (settings := _csv_settings(form, found, grid)):
         content["csv"] = settings
+    unknown: dict[str, list[str]] = {}
     for clock in sorted({own.clock for own in found.values() if own.clock}):
         late = clock_offset(found, grid, clock, bench)
-        problems += _clock_problems(clock, late, found)
-        if late is not None and _counts(late):
+        if late is None:
+            fast = [own.column for own in found.values() if own.clock == clock and own.field not in _SLOW]
+            unknown |= {clock: fast} if fast else {}
+        elif _counts(late):
+            problems.append(_clock_remark(clock, late, found))
             content.setdefault("clocks", {})[clock] = round(late[0], 6)
+    if unknown:
+        problems.append(_clock_question(unknown, found))
     return content
 
 
@@ -108,32 +114,27 @@ def _counts(late: tuple[float, float]) -> bool:
     return abs(late[0]) > 3.0 * late[1]
 
 
-def _clock_problems(
-    clock: str, late: tuple[float, float] | None, found: Mapping[str, Proposal]
-) -> list[Problem]:
-    """Return the offset of a clock as a remark, or as a question where it is unknown and counts."""
-    if late is None:
-        fast = [own.column for own in found.values() if own.clock == clock and own.field not in _SLOW]
-        if not fast:
-            return []
-        return [
-            Problem(
-                f"the clock '{clock}' of {', '.join(fast)} shows nothing that '{found[TIME].column}' shows "
-                "too: what lies between the two is not known.",
-                f"Put what is to be added to its times into the map, 0 for none: clocks: {{{clock}: 0.0}}.",
-            )
-        ]
-    if not _counts(late):
-        return []
+def _clock_question(unknown: Mapping[str, Sequence[str]], found: Mapping[str, Proposal]) -> Problem:
+    """Return the question of the offsets of clocks that are unknown and count; `unknown` has their columns."""
+    clocks = " and ".join(f"'{clock}' of {', '.join(columns)}" for clock, columns in unknown.items())
+    several = len(unknown) > 1
+    return Problem(
+        f"the clock{'s' * several} {clocks} show{'s' * (not several)} nothing that '{found[TIME].column}' shows too: "
+        "what lies between them is not known.",
+        "Put what is to be added to the times into the map, 0 for none: clocks: "
+        f"{{{', '.join(f'{clock}: 0.0' for clock in unknown)}}}.",
+    )
+
+
+def _clock_remark(clock: str, late: tuple[float, float], found: Mapping[str, Proposal]) -> Problem:
+    """Return what the offset of a clock is, with its error."""
     offset, error = late
-    return [
-        Problem(
-            f"the clock '{clock}' is {1e3 * -offset:.4g} ± {1e3 * error:.2g} ms ahead of that of "
-            f"'{found[TIME].column}', by the correlation of what both show.",
-            f"The map adds {1e3 * offset:.4g} ms to it (`clocks:`).",
-            asks=False,
-        )
-    ]
+    return Problem(
+        f"the clock '{clock}' is {1e3 * -offset:.4g} ± {1e3 * error:.2g} ms ahead of that of "
+        f"'{found[TIME].column}', by the correlation of what both show.",
+        f"The map adds {1e3 * offset:.4g} ms to it (`clocks:`).",
+        asks=False,
+    )
 
 
 def _resistance(found: Mapping[str, Proposal], grid: Grid, bench: Bench) -> float:
@@ -241,7 +242,7 @@ def suggest(file: str | Path, bench: Bench, *, bench_name: str = "", grid: Grid 
     trial_grid = table.raw if table.given else None
     if rows is not None:
         trial_grid = table.raw.cut(rows)
-    if rows is None or len(rows) > 1:
+    if rows is None or isinstance(rows, slice) or len(rows) > 1:
         trial = _trial_imports(table, found, content, likelier, trial_grid, problems)
     else:
         trial = _Trial(found, content)
@@ -379,7 +380,13 @@ def _rows_in_order(grid: Grid, found: Mapping[str, Proposal], problems: list[Pro
     angle, turned = found.get("spin_angle"), None
     if angle is not None and not angle.pulses and not angle.clock:
         turned = in_si(angle, grid, "turn")[rows]
-    wrong, part = rows_in_order(values[rows], column, turned, unit=" s" if times.dtype.kind == "M" else "")
+    readings = [
+        np.asarray(grid.columns[own.column].values)[rows]
+        for name, own in found.items()
+        if name in READINGS and not READINGS[name].constant and not own.clock
+    ]
+    twice = rows_twice(values[rows], readings)
+    wrong, part = rows_in_order(values[rows], column, turned, twice, unit=" s" if times.dtype.kind == "M" else "")
     if wrong is None:
         return False, every if known.all() else rows
     problems.append(wrong)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ import pyarrow.parquet as pq
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_recording.tables.grid import Column, Grid, require_table
 
+_NAMED: Final = 3  # columns, in a message
 _SEEN: Final = 1000  # texts of a column, and characters of a text
 
 
@@ -29,6 +31,9 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 raise InputError(
                     f"{path}: column '{others[0]}' holds {kinds[others[0]]}; allowed: numbers and dates"
                 )
+            if not wanted:
+                cells = ", ".join(f"{name} of {kinds[name]}" for name in others[:_NAMED])
+                raise InputError(f"{path}: has no columns of numbers; its cells are {cells or 'none'}")
             # a repeated text takes its memory once
             texts = [name for name in wanted if _is_text(kinds[name])]
             with pq.ParquetFile(opened, read_dictionary=texts) as file:
@@ -76,9 +81,14 @@ def of_table(table: Any, where: str) -> Grid:
         unit = about.get(b"unit", b"").decode("utf-8", "replace")
         if pa.types.is_duration(values.type):
             unit = "s"
+        if _is_text(values.type):
+            with contextlib.suppress(pa.ArrowException):  # numbers that were saved as texts
+                values = plain(values).cast(pa.float64())
         if pa.types.is_dictionary(values.type) and _is_text(values.type):
             cells = values.slice(0, _SEEN).combine_chunks()
             values = pc.utf8_slice_codeunits(cells.dictionary, 0, _SEEN).take(cells.indices)
+        if pa.types.is_time(values.type):
+            unit = "s"
         columns.append(Column(name, as_numbers(plain(values)), "" if unit == "1" else unit))
     return Grid.of(where, columns)
 
@@ -87,6 +97,9 @@ def plain(values: Any) -> Any:
     """Return a column of arrow with categories as what they stand for, and durations in seconds."""
     if pa.types.is_dictionary(values.type):
         values = values.cast(values.type.value_type)
+    if pa.types.is_time(values.type):  # of day, from midnight on
+        values = values.cast(pa.time64("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
+        return pc.divide(values, 1e9)
     if pa.types.is_duration(values.type):
         counts = values.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64(), safe=False)
         return pc.divide(counts, 1e9)

@@ -16,7 +16,13 @@ from gyrowheel_recording.bags.mcap.topics import TopicData
 from gyrowheel_recording.bags.read_bag import read_bag
 from gyrowheel_recording.tables.grid import BYTES_A_VALUE, Grid, require_table
 from gyrowheel_recording.tables.readers import library_errors, short_message
-from gyrowheel_recording.tables.readers.messages import TopicColumns, columns_of, frame_of, wanted_fields
+from gyrowheel_recording.tables.readers.messages import (
+    TopicColumns,
+    columns_of,
+    frame_of,
+    stamp_of,
+    wanted_fields,
+)
 from gyrowheel_recording.tables.readers.ros1 import MAGIC, Bag
 
 _BYTES: Final = ("uint8", "int8", "byte", "char")
@@ -84,6 +90,8 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
     """
     topics: dict[str, dict[str, TopicColumns]] = {}
     failed: set[str] = set()
+    last: dict[tuple[str, str], bytes] = {}  # messages, by topic and frame
+    twice: dict[str, int] = {}
     remarks: list[str] = []
     with library_errors(path):
         take = _ros1 if is_file(path) and _begins(path) else _ros2
@@ -107,6 +115,10 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 failed.add(topic.name)
                 continue
             frame = frame_of(decoded)
+            if stamp_of(decoded) and last.get((topic.name, frame)) == message:
+                twice[topic.name] = twice.get(topic.name, 0) + 1
+                continue
+            last[topic.name, frame] = message
             if frame not in frames and len(frames) >= _MOST_FRAMES:
                 frame = next(iter(frames))
             own = frames.get(frame)
@@ -115,6 +127,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
             kept += own.add(decoded, logged)
             if kept > most:
                 require_table(kept, str(path))
+        remarks += [f"{name}: {count} messages are there twice: taken once" for name, count in twice.items()]
         columns = columns_of(
             {name: own for name, own in topics.items() if name not in failed}, names, remarks
         )

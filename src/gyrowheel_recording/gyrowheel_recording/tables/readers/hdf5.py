@@ -69,7 +69,7 @@ class _Found:
         self._columns: list[Column] = []
         self._objects: dict[str, str] = {}
         self._remarks: list[str] = []
-        self._steps: dict[str, tuple[float, range]] = {}
+        self._steps: dict[str, tuple[float, list[int]]] = {}
         self._size = 0.0
 
     def add(self, name: str, node: Any) -> None:
@@ -88,9 +88,20 @@ class _Found:
                 raise
             self._remarks.append(f"{own} is left out: {short_message(error)}")
             return
+        if fields and "values_block_0" in fields:
+            self._remarks.append(
+                f"{own}: a data frame of pandas in the format 'table', whose names are a program of Python: save it in "
+                "the format 'fixed', or as Parquet"
+            )
         if fields is None or node.size < 2 or self._attributes.numbers(node, "MATLAB_empty") == [1.0]:
             return
-        require_plain(node, self._path, own)
+        try:
+            require_plain(node, self._path, own)
+        except InputError as error:
+            if names is not None:
+                raise
+            self._remarks.append(f"{str(error).removeprefix(f'{self._path}: ')}: left out")
+            return
         self._size += float(node.size) * max(len(fields), node.dtype.itemsize / 8.0, 1.0)
         require_table(self._size, str(self._path))
         values = _physical(node, fields, self._attributes)
@@ -98,9 +109,17 @@ class _Found:
         several = split(own, values.T if turned else values, joint=self._joint)
         head = f"{place}{self._joint}"
         self._columns.extend(_described(several, node, head, self._attributes, self._remarks))
-        if len(several) > 1 and (step := self._attributes.step(node)):
+        if several and (step := self._attributes.step(node)):
             last = len(self._columns)
-            self._steps[f"{own}{self._joint}time"] = step, range(last - len(several), last)
+            # vectors of one group, as long as each other, have one clock
+            place = own if len(several) > 1 else own.rpartition(self._joint)[0]
+            clock = self._joint.join(part for part in (place, "time") if part)
+            stated, columns = self._steps.setdefault(clock, (step, []))
+            if stated == step and (not columns or self._length(columns[0]) == self._length(last - 1)):
+                columns.extend(range(last - len(several), last))
+
+    def _length(self, column: int) -> int:
+        return len(self._columns[column].values)
 
     def _has_numbers(self, own: str, node: Any) -> bool:
         """Whether a data set is none of MATLAB's objects and texts."""
@@ -124,11 +143,11 @@ class _Found:
     def _add_clocks(self) -> None:
         """Add the times of matrices whose rate or step is stated, unless the file has times."""
         for clock, (step, several) in self._steps.items():
-            rows = len(self._columns[several[0]].values)
+            rows = self._length(several[0])
             if self._names is not None and clock not in self._names:
                 continue
             same = (own.values for own in self._columns if len(own.values) == rows)
-            if self._names is None and any(map(_ascends, same)):
+            if self._names is None and any(_are_times(own, step) for own in same):
                 continue  # the file has the times themselves
             self._columns.append(Column(clock, step * np.arange(rows), "s", clock))
             for k in several:
@@ -139,20 +158,33 @@ class _Found:
 _LABELS: Final = (
     "channel_names", "column_names", "names", "columns", "channels", "labels", "headers", "col_names",
 )  # fmt: skip
-_RATES: Final = ("sample_rate", "sampling_rate", "samplerate", "sampling_frequency", "fs", "Fs", "rate_hz")
+_RATES: Final = (
+    "sample_rate", "sampling_rate", "samplerate", "sampling_frequency", "fs", "Fs", "rate_hz", "sample_rate_hz",
+    "sampling_rate_hz", "fs_hz",
+)  # fmt: skip
 _STEPS: Final = ("dt", "sample_period", "sampling_period", "sampling_interval", "delta_t", "wf_increment")
 
 
-def _ascends(values: Any) -> bool:
-    """Whether a column may be times: its numbers ascend from row to row."""
-    return bool(np.all(np.diff(values.astype(np.float64)) > 0.0))
+_SECOND: Final = (1.0, 1e3, 1e6, 1e9, 1.0 / 60.0, 1.0 / 3600.0, 1.0 / 86400.0)  # in usual units of times
+
+
+def _are_times(values: Any, step: float) -> bool:
+    """Whether a column has the times of rows that are a step [s] apart, in a usual unit."""
+    steps = np.diff(values.astype(np.float64))
+    if not len(steps) or not np.all(steps > 0.0):
+        return False
+    usual = float(np.median(steps)) / step
+    return any(abs(usual / unit - 1.0) < _AS_STATED for unit in _SECOND)
+
+
+_AS_STATED: Final = 0.01  # part by which the times of a file may differ from its rate
 
 
 def _described(
     several: list[Column], node: Any, place: str, attributes: _Attributes, remarks: list[str]
 ) -> Iterator[Column]:
     """Yield the columns of a data set by the names and units that the file states for it."""
-    units, labels = attributes.texts(node, _UNITS), attributes.labels(node)
+    units, labels = (_listed(own, len(several)) for own in (attributes.units(node), attributes.labels(node)))
     if len(labels) != len(several):
         labels = []
     if len(units) not in (0, 1, len(several)):
@@ -163,6 +195,14 @@ def _described(
             units[k % len(units)].partition(" since ")[0] if units else ""
         )  # a date stands behind those of times
         yield replace(column, name=f"{place}{labels[k]}" if labels else column.name, unit=unit)
+
+
+def _listed(texts: list[str], count: int) -> list[str]:
+    """Return texts, of which one may be a list of them with commas or semicolons between."""
+    for sign in ",;\t" if len(texts) == 1 < count else "":
+        if len(parts := texts[0].split(sign)) == count:
+            return [part.strip() for part in parts]
+    return texts
 
 
 def _data_sets(file: Any, path: Path) -> Iterator[tuple[str, Any]]:
@@ -255,11 +295,21 @@ class _Attributes:
     def labels(self, node: Any) -> list[str]:
         """Return the names of the columns of a matrix; none where the file states none."""
         if not self.is_frame(node):
-            return self.texts(node, _LABELS)
-        items = node.parent.get(node.name.rpartition("/")[2].replace("_values", "_items"))
-        if items is None or items.dtype.kind != "S" or items.ndim != 1 or items.nbytes > _WIDEST:
-            return []
-        return [_text(own) for own in items[()]]
+            return self.texts(node, _LABELS) or self._beside(node, _LABELS)
+        return self._beside(node, [node.name.rpartition("/")[2].replace("_values", "_items")])
+
+    def units(self, node: Any) -> list[str]:
+        """Return the units that the file states for a data set; none where it states none."""
+        return self.texts(node, _UNITS) or (self._beside(node, _UNITS) if node.ndim == 2 else [])
+
+    def _beside(self, node: Any, names: Sequence[str]) -> list[str]:
+        """Return the texts in the first of some data sets that is there in the group of another one."""
+        for name in names:
+            items = node.parent.get(name)
+            texts = items is not None and hasattr(items, "dtype") and items.dtype.kind == "S"
+            if texts and items.ndim == 1 and items.nbytes <= _WIDEST:
+                return [_text(own) for own in items[()]]
+        return []
 
     def is_frame(self, node: Any) -> bool:
         """Whether a data set has numbers of a data frame of pandas, whose names stand in another one."""

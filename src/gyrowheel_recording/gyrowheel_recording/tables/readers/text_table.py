@@ -25,6 +25,7 @@ from gyrowheel_recording.tables.text import (
     LIKE_PLAIN,
     TextForm,
     form_of,
+    has_empty_rows,
     needs_no_change,
     one_byte_encoding,
     plain_rows,
@@ -217,6 +218,14 @@ def _cell_kinds(decimal: str) -> list[tuple[Any, str, list[tuple[str, str]]]]:
     ]
 
 
+def _one_unit(values: Any) -> str:
+    """Return the unit behind all numbers of a column of texts; empty where they have several."""
+    numbers = pc.filter(values, pc.match_substring_regex(values, r"^\s*[-+]?[.,]?\d"))
+    behind = pc.replace_substring_regex(numbers, r"^\s*[-+]?[\d.,]+([eE][-+]?\d+)?", "")
+    units = pc.unique(pc.utf8_trim_whitespace(behind)).to_pylist()
+    return str(units[0]) if len(units) == 1 else ""
+
+
 _TEXT_TO_MEMORY: Final = 2.0  # a short number takes more bytes in memory than in a text
 _HEAD: Final = 1 << 18
 
@@ -264,7 +273,8 @@ def rows_of(
     beginning = data[:_HEAD].decode(form.encoding, "ignore")
     begin = form.skip_lines + 1 + form.unit_lines
     found, repeated = None, 0
-    if form.encoding in ("utf-8", "utf-8-sig") and needs_no_change(beginning, form):
+    unchanged = form.encoding in ("utf-8", "utf-8-sig") and needs_no_change(beginning, form)
+    if unchanged and not has_empty_rows(data, form):
         found = _Rows(data, begin, unique, form, names, missing).read()
         plain = found is not None and not any(pa.types.is_string(column.type) for column in found[0].columns)
         lines: Sequence[int] = range(begin + 1, begin + 1 + (found[0].num_rows if found is not None else 0))
@@ -372,6 +382,10 @@ def _column(
         midnight = f"; midnight before row {begins[0] + 1}" if begins else ""
         remarks.append(f"{name}: times of day without a date: read as seconds from midnight{midnight}")
         return Column(name, time, "s")
+    words = tuple(own for own in odd if own.kind == "text")
+    in_cells = sum(own.count for own in odd if own.kind == "unit") + sum(own.count for own in words)
+    if 0 < in_cells == known and len(words) < len(odd) and (stated := _one_unit(values)) and unit in ("", stated):
+        return Column(name, numbers, stated, odd=words)  # the same in every cell
     if 2 * (int(np.isfinite(numbers).sum()) + clock) > known:
         return Column(name, numbers, unit, odd=odd)
     return Column(name, as_numbers(values), unit)
