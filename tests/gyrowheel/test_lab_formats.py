@@ -84,6 +84,38 @@ def labview(own: Lines) -> Lines:
     return [*head, "***End_of_Header***" + "\t" * 11, f"{names}\tComment", f"{first}\tbegin", *rest]
 
 
+def with_unit_in_cells(table: Table) -> None:
+    table.columns = {
+        name.partition(" [")[0]: [f"{text} {name.partition(' [')[2][:-1]}" for text in own]
+        for name, own in table.columns.items()
+    }
+    table.columns["Motor current"][7] = "OVR"
+
+
+def with_commas_in_quotes(table: Table) -> None:
+    table.delimiter = ","
+    table.columns = {
+        name: [f'"{text}"'.replace(".", ",") for text in own] for name, own in table.columns.items()
+    }
+
+
+def campbell(own: Lines) -> Lines:
+    names, units = heads(own[0])
+    often = ";".join(f'"{text}"' for text in ["", *["Smp"] * 11])
+    return ["TOA5;rig;CR6", names, units, often, *own[1:]]
+
+
+def beckhoff(own: Lines) -> Lines:
+    names, units = heads(own[0])
+    return [names, "SampleTime[ms]" + ";1" * 11, units, "", *own[1:]]
+
+
+def heads(names: str) -> tuple[str, str]:
+    """Return a line of names, and one of units."""
+    parts = [name[:-1].split(" [") for name in names.split(";")]
+    return ";".join(name for name, _ in parts), ";".join(unit for _, unit in parts)
+
+
 #: How a right table may be written, with what is asked of it: nothing, or words of the question.
 WRITTEN: dict[str, tuple[Callable[[Table], None], str]] = {
     "dates": (with_dates(""), ""),
@@ -102,6 +134,12 @@ WRITTEN: dict[str, tuple[Callable[[Table], None], str]] = {
         "",
     ),
     "LabVIEW": (lines(labview), ""),
+    "a unit in every cell": (with_unit_in_cells, ""),
+    "decimal commas in quotes": (with_commas_in_quotes, ""),
+    "rows of delimiters alone": (lines(lambda own: [*own[:500], ";" * 11, *own[500:], ";" * 11]), ""),
+    "names, units and how often, as Campbell writes": (lines(campbell), ""),
+    "names, rates and units, as Beckhoff writes": (lines(beckhoff), ""),
+    "a degree written as an ordinal": (lines(lambda own: [own[0].replace("degC", "ºC"), *own[1:]]), ""),
     "numbers and names in quotes": (quoted, "have signs between the thousands"),
 }
 

@@ -111,6 +111,50 @@ def test_names_units_and_rate_of_a_matrix(tmp_path: Path) -> None:
         assert len(gw.read_table(file, found)) == N
 
 
+def test_names_and_units_of_a_matrix_in_one_text_or_in_data_sets_beside_it(tmp_path: Path) -> None:
+    names, units = zip(*map(split, list(columns())[1:]), strict=True)
+    one = matrix(tmp_path / "one.h5", {"columns": ",".join(names), "units": ", ".join(units), "fs_hz": RATE})
+    two = matrix(tmp_path / "two.h5", {"fs": RATE})
+    with h5py.File(two, "a") as out:
+        out["acq/channel_names"], out["acq/units"] = (np.array(own, dtype="S") for own in (names, units))
+    for file in (one, two):
+        found = gw.suggest_map(file)
+        assert found.settled, found.questions
+        assert found.content["columns"]["tilt_x"] == {"column": "acq/ai/Tilt X", "unit": "deg"}
+
+
+def test_vectors_of_a_group_have_the_rate_of_the_group_and_slow_ones_are_held_at_the_end(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "groups.h5"
+    with h5py.File(file, "w") as out:
+        for name, values in list(columns().items())[1:]:
+            label, unit = split(name)
+            every = 10 if unit in ("degC", "hPa") else 1
+            group = out.require_group("slow" if every > 1 else "fast")
+            group.attrs["sample_rate"] = RATE / every
+            group[label] = values[::every]
+            group[label].attrs["units"] = unit
+    found = gw.suggest_map(file)
+    assert found.settled, found.questions
+    assert found.content["columns"]["air_pressure"]["clock"] == "slow/time"
+    assert len(gw.read_table(file, found)) == N
+
+
+def test_one_data_set_that_cannot_be_read_is_left_out_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "external.h5"
+    with h5py.File(file, "w") as out:
+        for name, values in columns().items():
+            out[name] = values
+        out.create_dataset("raw", (N,), "f8", external=[("raw.bin", 0, h5py.h5f.UNLIMITED)])
+    found = gw.suggest_map(file)
+    assert found.settled, found.questions
+    assert any(text.startswith("raw: its numbers are in another file") for text in found.remarks)
+    assert len(gw.read_table(file, found)) == N
+    with pytest.raises(InputError, match="raw: its numbers are in another file"):
+        read_grid(file, ["raw"])
+
+
 def test_units_that_are_not_one_for_each_column_are_not_taken(tmp_path: Path) -> None:
     grid = read_grid(matrix(tmp_path / "u.h5", {"units": ("deg", "V", "A")}))
     assert {own.unit for own in grid.columns.values()} == {""}
@@ -170,6 +214,21 @@ def test_signals_of_simulink_have_their_labels(tmp_path: Path) -> None:
 # --- numbers for none ---
 
 
+def test_channels_of_dspace_have_their_names_and_units(tmp_path: Path) -> None:
+    named = [(*split(name), values) for name, values in columns().items()]
+    channels = np.array(
+        [(label, values, unit) for label, unit, values in named[1:]],
+        dtype=[("Name", object), ("Data", object), ("Unit", object)],
+    )
+    savemat(
+        tmp_path / "d.mat", {"rec": {"X": {"Name": "time", "Data": named[0][2], "Unit": "s"}, "Y": channels}}
+    )
+    found = gw.suggest_map(tmp_path / "d.mat")
+    assert found.settled, found.questions
+    assert found.content["columns"]["tilt_x"] == {"column": "rec.Y.Tilt X", "unit": "deg"}
+    assert len(gw.read_table(tmp_path / "d.mat", found)) == N
+
+
 def test_numbers_by_which_instruments_mean_none_are_not_measured(tmp_path: Path) -> None:
     table = Table()
     for row, text in ((7, "9.91E+37"), (8, "+9.9E37"), (9, "-9.90000E+37")):
@@ -183,6 +242,19 @@ def test_numbers_by_which_instruments_mean_none_are_not_measured(tmp_path: Path)
 
 
 # --- Parquet ---
+
+
+def test_times_of_day_and_numbers_in_texts_in_parquet(tmp_path: Path) -> None:
+    table = {name: pa.array(values) for name, values in columns().items()}
+    seconds = np.round(1e6 * (columns()["Time [s]"] + 36000.0)).astype(np.int64)
+    del table["Time [s]"]
+    table["Time"] = pa.array(seconds).cast(pa.time64("us"))
+    table["Speed [rpm]"] = table["Speed [rpm]"].cast(pa.string())
+    parquet.write_table(pa.table(table), tmp_path / "t.parquet")
+    found = gw.suggest_map(tmp_path / "t.parquet")
+    assert found.settled, found.questions
+    rows = gw.read_table(tmp_path / "t.parquet", found).data.measurement
+    assert rows["spin_rate"] == pytest.approx(np.pi / 30.0 * columns()["Speed [rpm]"])
 
 
 def test_records_and_dates_out_of_range_in_parquet(tmp_path: Path) -> None:
@@ -306,6 +378,17 @@ def test_a_topic_that_cannot_be_decoded_is_left_out_by_name(tmp_path: Path) -> N
     grid = read_grid(bag(tmp_path / "b", put))
     assert "/volts.vector.x" in grid.columns
     assert any(text.startswith("/foreign: message 0 cannot be decoded") for text in grid.remarks)
+
+
+def test_messages_that_are_there_twice_are_taken_once(tmp_path: Path) -> None:
+    def put(write: Any) -> None:
+        for k in range(40):
+            for _ in range(1 + (k % 10 == 0)):
+                write("/volts", BEGIN + k, vector(BEGIN + k, k))
+
+    grid = read_grid(bag(tmp_path / "b", put))
+    assert grid.columns["/volts.vector.x"].values.tolist() == list(range(40))
+    assert grid.remarks == ("/volts: 4 messages are there twice: taken once",)
 
 
 def test_frames_of_one_topic_are_columns_of_their_own(tmp_path: Path) -> None:

@@ -79,7 +79,8 @@ class Written:
         )
         if self.units == "line":
             names, units = (
-                list(part) for part in zip(*((name.rstrip("]").split(" [") + [""])[:2] for name in names), strict=True)
+                list(part)
+                for part in zip(*([*name.rstrip("]").split(" ["), ""][:2] for name in names), strict=True)
             )
         if self.delimiter == " ":
             names = [name.replace(" ", "_") for name in names]

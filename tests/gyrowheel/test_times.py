@@ -60,6 +60,7 @@ def test_jitter_beyond_a_row_is_refused() -> None:
 
 DAY = 86400.0
 STAMP = dt.datetime(2026, 5, 4, 11, 59, 59)
+LATER = dt.datetime(2026, 5, 27, 11, 59, 59)
 WRITTEN = {
     "datenum": {"t": [f"{739935.4 + x / DAY:.13f}" for x in TIME]},
     "julian day": {"JD": [f"{2461000.5 + x / DAY:.12f}" for x in TIME]},
@@ -69,6 +70,25 @@ WRITTEN = {
     "AM and PM": {
         "Date": [(STAMP + dt.timedelta(seconds=x)).strftime("%m/%d/%Y %I:%M:%S.%f %p") for x in TIME.tolist()]
     },
+    "month by its name": {
+        "Date": [(STAMP + dt.timedelta(seconds=x)).strftime("%d-%b-%Y %H:%M:%S.%f") for x in TIME.tolist()]
+    },
+    "month by a German name": {
+        "Datum": [(STAMP + dt.timedelta(seconds=x)).strftime("%d. Mai %Y %H:%M:%S.%f") for x in TIME.tolist()]
+    },
+    "day after the month, beyond 12": {
+        "Date": [(LATER + dt.timedelta(seconds=x)).strftime("%m/%d/%Y %H:%M:%S.%f") for x in TIME.tolist()]
+    },
+    "digits without signs": {
+        "Date": [(STAMP + dt.timedelta(seconds=x)).strftime("%Y%m%dT%H%M%S.%f") for x in TIME.tolist()]
+    },
+    "milliseconds behind a colon": {
+        "Time": [
+            f"{STAMP + dt.timedelta(seconds=x):%H:%M:%S}:{round(1e3 * x) % 1000:03d}" for x in TIME.tolist()
+        ]
+    },
+    "file times of Windows": {"Timestamp": [f"{134 * 10**15 + round(1e7 * x)}" for x in TIME]},
+    "ticks of .NET": {"Ticks": [f"{639 * 10**15 + round(1e7 * x)}" for x in TIME]},
     "two columns": {
         "header.stamp.sec": [f"{1784000000 + int(x + 0.4)}" for x in TIME],
         "header.stamp.nanosec": [f"{round(1e9 * ((x + 0.4) % 1.0))}" for x in TIME],
@@ -85,6 +105,18 @@ def test_times_of_every_writing_are_read(tmp_path: Path, name: str) -> None:
     rows = read(written(tmp_path, WRITTEN[name]))
     assert len(rows) == N
     assert np.diff(rows["stamp_ns"]) == pytest.approx(np.full(N - 1, 1e6), abs=1e5)
+
+
+def test_numbers_of_rows_without_a_name_are_no_times(tmp_path: Path) -> None:
+    found = gw.suggest_map(written(tmp_path, {"": [str(k) for k in range(N)]}))
+    assert "time" not in found.content
+    assert any("such as `rate: 1000`" in question for question in found.questions)
+
+
+def test_a_clock_of_dates_that_was_set_back_is_told_in_seconds(tmp_path: Path) -> None:
+    back = [STAMP + dt.timedelta(seconds=x - 3600.0 * (x >= 0.5)) for x in TIME.tolist()]
+    found = gw.suggest_map(written(tmp_path, {"Date": [f"{own:%Y-%m-%d %H:%M:%S.%f}" for own in back]}))
+    assert any("was set back by 3600 s in 1 place" in question for question in found.questions)
 
 
 def test_a_second_of_rows_in_two_columns(tmp_path: Path) -> None:

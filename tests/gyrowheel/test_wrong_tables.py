@@ -143,9 +143,22 @@ WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
         cells("Air pressure [hPa]", slice(0, 900), lambda text: "1'" + text[1:]),
         ("air_pressure: 900 cells", "between the thousands", "Write the numbers without"),
     ),
-    "a unit in every cell": (
-        cells("Motor voltage [V]", slice(None), lambda text: f"{text} V"),
+    "two units in the cells of a column": (
+        both(
+            cells("Motor voltage [V]", slice(None, 1000), lambda text: f"{text} V"),
+            cells("Motor voltage [V]", slice(1000, None), lambda text: f"{float(text) * 1e3} mV"),
+        ),
         ("motor_voltage: 2000 cells", "a unit behind the number", "Write the numbers alone"),
+    ),
+    "hours, minutes and seconds in one number": (
+        values("Time [s]", lambda time: 100059.0 + time + np.where(time < 1.0, 0.0, 40.0), "%.3f"),
+        ("100059.999 is followed by 100100 in row 1001", "Write seconds from the beginning"),
+    ),
+    "every 50th row twice": (
+        lines(
+            lambda own: [own[0], *(line for k, line in enumerate(own[1:]) for _ in range(1 + (k % 50 == 0)))]
+        ),
+        ("stands still in 40 places, first in row 2: rows are there twice", "Take the second ones out"),
     ),
     "two units in one column": (
         values("Coil Y [V]", after(1200, 1000.0)),
@@ -169,7 +182,7 @@ WRONG: dict[str, tuple[Change, tuple[str, ...]]] = {
     ),
     "averages at the end": (
         lines(lambda own: [*own, "Mean" + ";1" * 11]),
-        ("time: 1 cell", "'Mean'", "take the rows out"),
+        ("time: 1 cell", "'Mean'", "Take these rows out"),
     ),
     "minutes and seconds": (
         cells("Time [s]", slice(None), lambda text: f"34:{float(text):09.6f}"),

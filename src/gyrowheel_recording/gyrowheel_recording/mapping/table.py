@@ -173,7 +173,11 @@ class Table:
                 raise self._error(source.column, what, k)
             if self._map.every > 1:
                 numbers = renumbered(numbers, self._map.every)
-        columns = [self._columns.get(s.column) for name, s in self._map.columns.items() if not READINGS[name].constant]
+        columns = [
+            self._columns.get(s.column)
+            for name, s in self._map.columns.items()
+            if not READINGS[name].constant
+        ]
         readings = [column.to_numpy() for column in columns if column is not None]
         if numbers is None and len(twice := rows_twice(self._time, readings)):
             what = "the time and the readings of the row before: it is there twice; allowed: each once"
@@ -329,7 +333,9 @@ class Table:
         if others and (begin, end) != (0, len(time)):
             left = len(time) - (end - begin)
             several = "s" * (left > 1)
-            self.remarks.append(f"{left} row{several} that not all clocks cover {'are' if several else 'is'} left out")
+            self.remarks.append(
+                f"{left} row{several} that not all clocks cover {'are' if several else 'is'} left out"
+            )
         self._taken = self._taken[begin:end]
         self._columns = {
             name: column.slice(begin, end - begin)

@@ -200,7 +200,8 @@ def _two_units(own: Proposal, values: Array) -> Iterator[Problem]:
                     if not _scatters_as_much(here, factor):
                         continue
                     yield Problem(
-                        f"{own.field}: '{own.column}' goes on in another unit from row {new[k * _BLOCK + row + 1] + 1} on: "
+                        f"{own.field}: '{own.column}' goes on in another unit from row "
+                        f"{new[k * _BLOCK + row + 1] + 1} on: "
                         f"all is {high / low:.4g} times as {'large' if after[0] > before[-1] else 'small'}, as "
                         f"between {units[0]} and {units[1]}.",
                         "Write all rows in one unit.",

@@ -276,12 +276,9 @@ def _time_by_values(
         values = np.asarray(column.values[:SOME]).astype(np.float64)
         steps = np.diff(values)
         counts = bool(np.all(steps == 1.0)) and not known_unit(column.unit)  # numbers of rows, not times
-        if (
-            not counts
-            and len(steps) > 10
-            and np.all(steps > 0.0)
-            and float(np.std(steps)) < 0.5 * float(np.mean(steps))
-        ):
+        even = bool(np.all(steps > 0.0)) and float(np.std(steps)) < 0.5 * float(np.mean(steps))
+        dated = column.dated and _moves(steps)  # dates are no readings; `rows_in_order` judges their order
+        if len(steps) > 10 and not counts and (even or dated):
             proposal = _proposed(TIME, column, meaning_of("time", column.unit), bench)
             if proposal is not None:
                 found[TIME] = replace(proposal, reason=f"rises evenly; {proposal.reason}")

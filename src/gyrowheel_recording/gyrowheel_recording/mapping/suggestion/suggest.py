@@ -386,7 +386,9 @@ def _rows_in_order(grid: Grid, found: Mapping[str, Proposal], problems: list[Pro
         if name in READINGS and not READINGS[name].constant and not own.clock
     ]
     twice = rows_twice(values[rows], readings)
-    wrong, part = rows_in_order(values[rows], column, turned, twice, unit=" s" if times.dtype.kind == "M" else "")
+    wrong, part = rows_in_order(
+        values[rows], column, turned, twice, unit=" s" if times.dtype.kind == "M" else ""
+    )
     if wrong is None:
         return False, every if known.all() else rows
     problems.append(wrong)

@@ -138,7 +138,9 @@ def _columns(name: str, value: Any, objects: dict[str, str]) -> Iterator[Column]
     if all(called) and len(set(called)) == len(items):  # channels of dSPACE and others
         for own, label in zip(items, called, strict=True):
             unit = getattr(own, "Unit", "")
-            yield from split(f"{name}.{label}", getattr(own, "Data", ()), unit=unit if isinstance(unit, str) else "")
+            yield from split(
+                f"{name}.{label}", getattr(own, "Data", ()), unit=unit if isinstance(unit, str) else ""
+            )
         return
     for k, own in enumerate(items[:_MOST]):
         yield from _columns(f"{name}.{k + 1}", own, objects)

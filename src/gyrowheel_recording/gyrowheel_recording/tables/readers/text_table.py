@@ -108,9 +108,13 @@ def _with_numbers(values: Any) -> Any:
             values = pc.replace_substring_regex(
                 values, rf"(?i)^(?:{names})\pL*\.? (\d{{1,2}}),? (\d{{4}})", rf"\1.{month}.\2"
             )
-    values = pc.replace_substring_regex(values, r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)", r"\1-\2-\3T\4:\5:\6")
+    values = pc.replace_substring_regex(
+        values, r"^(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)", r"\1-\2-\3T\4:\5:\6"
+    )
     values = pc.replace_substring_regex(values, r"(:\d\d:\d\d):(\d{3,9})$", r"\1.\2")
-    part = pc.extract_regex(values.combine_chunks() if hasattr(values, "combine_chunks") else values, _SLASHES)
+    part = pc.extract_regex(
+        values.combine_chunks() if hasattr(values, "combine_chunks") else values, _SLASHES
+    )
     if len(part) and part.null_count == values.null_count < len(part):
         one, two = (pc.max(pc.cast(part.field(name), pa.int64())).as_py() or 0 for name in ("one", "two"))
         if (one > 12) != (two > 12):
@@ -384,7 +388,12 @@ def _column(
         return Column(name, time, "s")
     words = tuple(own for own in odd if own.kind == "text")
     in_cells = sum(own.count for own in odd if own.kind == "unit") + sum(own.count for own in words)
-    if 0 < in_cells == known and len(words) < len(odd) and (stated := _one_unit(values)) and unit in ("", stated):
+    if (
+        0 < in_cells == known
+        and len(words) < len(odd)
+        and (stated := _one_unit(values))
+        and unit in ("", stated)
+    ):
         return Column(name, numbers, stated, odd=words)  # the same in every cell
     if 2 * (int(np.isfinite(numbers).sum()) + clock) > known:
         return Column(name, numbers, unit, odd=odd)
