@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pyarrow as pa
 import pytest
+import zstandard
 from asammdf import MDF, Signal
 from nptdms import ChannelObject, TdmsWriter
 from pyarrow import parquet
@@ -73,7 +74,43 @@ def test_a_spectrum_in_tdms_is_left_out_by_name(tmp_path: Path) -> None:
     assert "daq/power is over Hz, not over time: left out" in read_grid(file).remarks
 
 
+def test_a_scale_in_tdms_is_applied(tmp_path: Path) -> None:
+    scale = {
+        "NI_Scaling_Status": "unscaled",
+        "NI_Number_Of_Scales": 1,
+        "NI_Scale[0]_Scale_Type": "Linear",
+        "NI_Scale[0]_Linear_Slope": 2.0,
+        "NI_Scale[0]_Linear_Y_Intercept": 1.0,
+        "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF,
+    }
+    column = read_grid(tdms(tmp_path / "u.tdms", [scale])).columns["daq/u"]
+    assert column.values == pytest.approx(1.0 + 2.0 * np.arange(N))
+    assert column.unit == "V"
+
+
+def test_a_tdms_file_that_breaks_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    file = tdms(tmp_path / "u.tdms", [{}, {}])
+    file.write_bytes(file.read_bytes()[:-80])
+    grid = read_grid(file)
+    assert N <= len(grid.columns["daq/u"].values) < 2 * N
+    assert "the file breaks off: its last segment is read as far as it goes" in grid.remarks
+
+
 # --- MDF ---
+
+
+@pytest.mark.parametrize("version", ["3.30", "4.10"])
+def test_units_conversions_and_rates_of_mdf(tmp_path: Path, version: str) -> None:
+    time = np.arange(N) / RATE
+    with MDF(version=version) as mdf:
+        counts = np.arange(N, dtype=np.int16)
+        mdf.append([Signal(counts, time, name="u", unit="V", conversion={"a": 0.5, "b": -1.0})])
+        mdf.append([Signal(np.full(N // 10, 21.0), time[::10], name="t_air", unit="degC")])
+        file = Path(mdf.save(tmp_path / ("u.mf4" if version > "4" else "u.mdf")))
+    columns = read_grid(file).columns
+    assert columns["u"].values == pytest.approx(0.5 * np.arange(N) - 1.0)
+    assert (columns["u"].unit, columns["t_air"].unit) == ("V", "degC")
+    assert columns[columns["t_air"].clock].values == pytest.approx(time[::10])
 
 
 def test_values_over_an_angle_in_mdf_are_left_out_by_name(tmp_path: Path) -> None:
@@ -257,6 +294,29 @@ def test_times_of_day_and_numbers_in_texts_in_parquet(tmp_path: Path) -> None:
     assert rows["spin_rate"] == pytest.approx(np.pi / 30.0 * columns()["Speed [rpm]"])
 
 
+def test_categories_durations_zones_and_units_in_parquet(tmp_path: Path) -> None:
+    nanoseconds = pa.array(np.arange(N) * 1_000_000)
+    table = {
+        "t": nanoseconds.cast(pa.duration("ns")),
+        "date": nanoseconds.cast(pa.timestamp("ns", "+02:00")),
+        "u": pa.array(np.arange(N) % 3.0).dictionary_encode(),
+    }
+    fields = [pa.field(name, own.type, metadata={"unit": "mV"}) for name, own in table.items()]
+    parquet.write_table(pa.table(list(table.values()), schema=pa.schema(fields)), tmp_path / "c.parquet")
+    columns = read_grid(tmp_path / "c.parquet").columns
+    assert columns["t"].values == pytest.approx(np.arange(N) / RATE)
+    assert (columns["t"].unit, columns["u"].unit) == ("s", "mV")
+    assert columns["date"].dated
+    assert columns["u"].values.tolist() == (np.arange(N) % 3.0).tolist()
+
+
+def test_a_text_packed_by_zstandard_is_read(tmp_path: Path) -> None:
+    file = Table().write(tmp_path)
+    packed = file.with_suffix(".csv.zst")
+    packed.write_bytes(zstandard.compress(file.read_bytes()))
+    assert read_grid(packed).columns["Tilt X [deg]"].values[:N] == pytest.approx(columns()["Tilt X [deg]"])
+
+
 def test_records_and_dates_out_of_range_in_parquet(tmp_path: Path) -> None:
     table = {name: pa.array(values) for name, values in columns().items()}
     own = {name: table.pop(name) for name in ("Tilt X [deg]", "Tilt Y [deg]")}
@@ -319,6 +379,16 @@ def test_text_of_labview_is_read_as_its_head_states(tmp_path: Path, x_columns: s
     assert np.degrees(rows["tilt_x"]) == pytest.approx(columns()["Tilt X [deg]"], rel=1e-6)
 
 
+def test_a_spectrum_in_a_text_of_labview_is_left_out_by_name(tmp_path: Path) -> None:
+    file = lvm(tmp_path / "u.lvm", "One")
+    text = file.read_text(encoding="utf-8")
+    kinds = "\t".join(["X_Dimension", "Frequency", *["Time"] * 10])
+    file.write_text(text.replace("X0\t", f"{kinds}\r\nX0\t", 1), encoding="utf-8")
+    grid = read_grid(file)
+    assert "Tilt X is over Frequency, not over time: left out" in grid.remarks
+    assert "Tilt Y" in grid.columns
+
+
 def test_segments_of_labview_begin_when_each_states(tmp_path: Path) -> None:
     grid = read_grid(lvm(tmp_path / "u.lvm", "One", segments=2))
     assert grid.columns["X_Value"].values[[0, N]] == pytest.approx([0.0, 7.0])
@@ -355,8 +425,12 @@ def numbers(values: np.ndarray) -> Any:
     return message("std_msgs/msg/Float64MultiArray", layout=layout, data=values)
 
 
-def bag(folder: Path, put: Callable[[Callable[[str, int, Any], None]], None]) -> Path:
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+def bag(
+    folder: Path,
+    put: Callable[[Callable[[str, int, Any], None]], None],
+    storage: StoragePlugin = StoragePlugin.MCAP,
+) -> Path:
+    with Writer(folder, version=9, storage_plugin=storage) as writer:
         topics: dict[str, Any] = {}
 
         def write(topic: str, logged: int, what: Any, behind: bytes = b"") -> None:
@@ -391,12 +465,13 @@ def test_messages_that_are_there_twice_are_taken_once(tmp_path: Path) -> None:
     assert grid.remarks == ("/volts: 4 messages are there twice: taken once",)
 
 
-def test_frames_of_one_topic_are_columns_of_their_own(tmp_path: Path) -> None:
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+def test_frames_of_one_topic_are_columns_of_their_own(tmp_path: Path, storage: StoragePlugin) -> None:
     def put(write: Any) -> None:
         for k in range(40):
             write("/imu", BEGIN + k, vector(BEGIN + k, k, "left" if k % 2 else "right"))
 
-    place = bag(tmp_path / "b", put)
+    place = bag(tmp_path / "b", put, storage)
     grid = read_grid(place)
     assert grid.columns["/imu@left.vector.x"].values.tolist() == list(range(1, 40, 2))
     assert read_grid(place, ["/imu@right.vector.x"]).columns["/imu@right.vector.x"].values[1] == 2.0
