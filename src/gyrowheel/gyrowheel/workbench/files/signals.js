@@ -87,8 +87,9 @@ function draw() {
   figures = PANELS.map((panel, k) => {
     const last = k === PANELS.length - 1;
     const figure = P.figure({
-      height: last ? 90 : 60, min_height: last ? 70 : 36, sizing_mode: "stretch_both", x_range: range, tools: "xpan,xwheel_zoom,xbox_zoom",
+      height: last ? 90 : 60, min_height: last ? 84 : 36, sizing_mode: "stretch_both", x_range: range, tools: "xpan,xwheel_zoom,xbox_zoom",
       active_scroll: "xwheel_zoom", toolbar_location: null, output_backend: "canvas",
+      styles: last ? { "flex-grow": "1.4" } : {}, // it has the axis, too
     });
     figure.add_layout(new Bokeh.Label({
       x: 4, y: 1, x_units: "screen", y_units: "screen", anchor: "bottom_left", text: panel.title, text_font_size: "10px",
