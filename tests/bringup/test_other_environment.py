@@ -8,11 +8,13 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rclpy
 from gyrowheel_msgs.msg import Measurement
 
 from gyrowheel_core.node import prepare_environment
+from gyrowheel_recording.bags import Recording
 from tools import ros_setup
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,6 +32,36 @@ until = time.monotonic() + 30.0
 while not seen and time.monotonic() < until:
     rclpy.spin_once(node, timeout_sec=0.1)
 print("heard", seen[0], "by", rclpy.__file__)
+"""
+#: A recorder of another make: it knows the messages by what the script shows of the bench, and keeps their bytes.
+RECORDER = """\
+import sys, time
+from pathlib import Path
+import rclpy
+from ament_index_python.packages import get_package_share_directory
+from gyrowheel_msgs.msg import Measurement
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+kind = "gyrowheel_msgs/msg/Measurement"
+store = get_typestore(Stores.ROS2_JAZZY)
+text = (Path(get_package_share_directory("gyrowheel_msgs")) / "msg" / "Measurement.msg").read_text()
+store.register(get_types_from_msg(text, kind))
+rclpy.init()
+node = rclpy.create_node("recorder")
+with Writer(Path(sys.argv[1]), version=9) as writer:
+    topic = writer.add_connection("/gyrowheel/measurement", kind, typestore=store)
+    kept = []
+
+    def keep(raw):
+        kept.append(raw)
+        writer.write(topic, time.time_ns(), raw)
+
+    node.create_subscription(Measurement, "/gyrowheel/measurement", keep, 10, raw=True)
+    until = time.monotonic() + 30.0
+    while len(kept) < 20 and time.monotonic() < until:
+        rclpy.spin_once(node, timeout_sec=0.1)
+print("kept", len(kept), "by", rclpy.__file__)
 """
 
 
@@ -49,7 +81,10 @@ def linked(source: Path, target: Path) -> None:
 @pytest.mark.skipif(
     not list((ROOT / ".venv" / "lib").glob("libgyrowheel_msgs__*.so")), reason="not built by make"
 )
-def test_a_tool_of_another_environment_hears_the_bench(domain: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("program", "said"), [(LISTENER, "heard "), (RECORDER, "kept 20 by ")])
+def test_a_tool_of_another_environment_hears_the_bench(
+    domain: int, tmp_path: Path, program: str, said: str
+) -> None:
     prefix, other = Path(sys.prefix), tmp_path / "other"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(other)], check=True)
     packages = Path("lib") / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
@@ -57,7 +92,7 @@ def test_a_tool_of_another_environment_hears_the_bench(domain: int, tmp_path: Pa
     linked(prefix / "lib", other / "lib")
     (other / "share").symlink_to(prefix / "share")
     script = tmp_path / "listener.py"
-    script.write_text(LISTENER, encoding="utf-8")
+    script.write_text(program, encoding="utf-8")
     setup = ros_setup.write(prefix, ROOT / "src")
     env = {name: text for name, text in os.environ.items() if name not in OURS}
     env |= {"ROS_DOMAIN_ID": str(domain), "AMENT_PREFIX_PATH": str(other)}
@@ -69,7 +104,7 @@ def test_a_tool_of_another_environment_hears_the_bench(domain: int, tmp_path: Pa
     )
     assert bare.returncode == 1
     listener = subprocess.Popen(
-        ["sh", "-c", f". {setup}; exec {other}/bin/python {script}"], env=env, text=True,
+        ["sh", "-c", f". {setup}; exec {other}/bin/python {script} {tmp_path / 'bag'}"], env=env, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     prepare_environment()  # the first node of a process settles what the middleware reads
@@ -79,13 +114,22 @@ def test_a_tool_of_another_environment_hears_the_bench(domain: int, tmp_path: Pa
         node = rclpy.create_node("bench", context=context)
         publisher = node.create_publisher(Measurement, "/gyrowheel/measurement", 10)
         until = time.monotonic() + 40.0
-        while listener.poll() is None and time.monotonic() < until:
-            publisher.publish(Measurement(sequence=7))
+        sent = Measurement()
+        while publisher.get_subscription_count() == 0 and time.monotonic() < until:
             time.sleep(0.05)
+        while listener.poll() is None and time.monotonic() < until:
+            publisher.publish(sent)
+            sent.sequence += 1
+            sent.header.stamp.nanosec += 500_000
+            time.sleep(0.02)
         out, err = listener.communicate(timeout=10)
         node.destroy_node()
     finally:
         rclpy.shutdown(context=context)
         listener.kill()
-    assert out.startswith("heard 7 by "), err
+    assert out.startswith(said), err
     assert str(other) in out  # its own rclpy
+    if program == RECORDER:
+        samples = Recording.open(tmp_path / "bag").measurement
+        assert len(samples) == 20
+        assert set(np.diff(samples["stamp_ns"])) == {500_000}
