@@ -184,8 +184,8 @@ def _lacking(readings: NDArray[Any], column_map: ColumnMap) -> list[str]:
     if not lacking:
         return []
     count = int(np.logical_or.reduce(list(lacking.values())).sum())
-    lack = "sample lacks" if count == 1 else "samples lack"
-    return [f"{count} of {len(readings)} {lack} a reading ({', '.join(lacking)})"]
+    lack = "lacks" if count == 1 else "lack"
+    return [f"{count} of {len(readings)} samples {lack} a reading ({', '.join(lacking)})"]
 
 
 def _hidden_turns(readings: NDArray[Any], period: float, step: float) -> list[str]:
