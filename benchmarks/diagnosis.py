@@ -33,7 +33,7 @@ STAGES = (
     ("gyrowheel_analysis.diagnosis.diagnose", "prepare", "balance"),
     ("gyrowheel_analysis.fitting.problem", "Problem.with_drift_estimated", "noise and drift"),
     ("gyrowheel_analysis.diagnosis.explanation", "select", "selection"),
-    ("gyrowheel_analysis.diagnosis.events", "find", "events"),
+    ("gyrowheel_analysis.diagnosis.events", "search_events", "events"),
     ("gyrowheel_analysis.diagnosis.events", "search", "free forms"),
     ("gyrowheel_analysis.diagnosis.diagnose", "errors_of", "error table"),
 )
