@@ -138,6 +138,10 @@ def text_rule(name: str, text: str) -> str:
     return f"{name}:={json.dumps(text, ensure_ascii=False)}"
 
 
+#: Arguments of a launch file that do without a viewer's package.
+_INSTEAD = {"robot_state_publisher": "viewable:=false", "rviz2": "rviz:=false"}
+
+
 def find_executable(package: str, executable: str) -> Path:
     """Return the path of a node's executable.
 
@@ -155,7 +159,8 @@ def find_executable(package: str, executable: str) -> Path:
     there = executables().get(package)
     if there:
         raise InputError(f"package {package} has no executable '{executable}'; it has: {', '.join(there)}")
-    raise InputError(f"package '{package}' is not installed, or has no executables")
+    instead = f"; allowed: {_INSTEAD[package]}" if package in _INSTEAD else ""
+    raise InputError(f"package '{package}' is not installed, or has no executables{instead}")
 
 
 def executables() -> dict[str, list[str]]:
