@@ -183,7 +183,9 @@ def test_launch_refuses_before_anything_starts(
     wide = SHORT_PLAN.replace("[1.0, 0.5]", "[3.5, 0.5]")
     with pytest.raises(InputError, match=r"is beyond the tilt limit of 3\.00 deg"):
         launched("ground_test.launch.py", plan=wide)
-    with pytest.raises(InputError, match="'robot_state_publisher' is not installed.*; allowed: viewable:=false"):
+    with pytest.raises(
+        InputError, match=r"'robot_state_publisher' is not installed.*; allowed: viewable:=false"
+    ):
         launched("ground_test.launch.py")
     other = rclpy.create_node("plant", context=bystander.context, use_global_arguments=False)
     refused = rf"ROS domain {domain} has a bench already \(nodes plant\): end it, or choose another namespace"
@@ -259,7 +261,9 @@ def test_launch_of_a_replay_refuses_before_anything_starts() -> None:
         launched("replay.launch.py", recording="runs/monday", rate="slow")
     with pytest.raises(InputError, match=r"^loop: 'ture' is not allowed; allowed: true, false$"):
         launched("replay.launch.py", recording="runs/monday", loop="ture")
-    with pytest.raises(InputError, match="'robot_state_publisher' is not installed.*; allowed: viewable:=false"):
+    with pytest.raises(
+        InputError, match=r"'robot_state_publisher' is not installed.*; allowed: viewable:=false"
+    ):
         launched("replay.launch.py", recording="runs/monday")
 
 
