@@ -2,22 +2,25 @@
 
 A law with a memory needs what was before each window. Within windows the motion is that of the windows, free of the
 noise of the readings, so that a rate that counts every movement counts no noise. Between them, where the rotor moves
-and settles, it is the readings averaged over revolutions; the harmonics of the windows before and after go over into
-each other as the tilt does. Motion below the noise of a window is not seen.
+and settles, it is the readings averaged over revolutions, and the harmonics of some revolutions. What the rotor moves
+below the noise of the readings is added to the rates as a motion of the same size (`unseen_motion`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
+from gyrowheel_analysis.balance.unseen_motion import spread, unseen_rates
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import readable
 from gyrowheel_analysis.reduction.samples import Array, Samples
@@ -37,7 +40,18 @@ from gyrowheel_sim.jit import compile_source, kernel_text
 _MOST = 8_000_000  # points of a course; a longer recording has them farther apart
 _ROW = 0.1  # s, between rows of slow quantities
 _KEPT = 12  # histories of states
+_BLOCK = 1 << 16  # points at once
 _TURN = 0.5  # rad, the largest turn between two points at which harmonics are followed
+_REVOLUTIONS, _SLOW_TERMS = (
+    4,
+    4,
+)  # between windows: of a block whose harmonics are taken, and of its slow motion
+_DOUBTFUL = 2.0  # deviations of its noise that a harmonic of a block loses
+_UNSETTLED = 3.0  # noise variances that motion leaves in a block, beyond which its harmonics are not taken
+_SMOOTH, _AROUND = 3.0, 40  # samples: of a Gaussian that smooths readings between windows, and of local means
+_SMOOTHED = (
+    4.0 * math.sqrt(math.pi) * _SMOOTH**3
+) ** -0.5  # deviation of its rate for unit noise and unit step
 _SLOW = ("T_coil", "T_air", "T_winding", "T_motor", "rho", "i_motor")
 
 
@@ -169,6 +183,12 @@ def course_of(windows: Windows, bench: Bench, samples: Samples | None) -> Course
     course = Course(points, _slow(w, bench, data, begin, end), max(round(_ROW / step), 1), begin, step)
     _set_spin(course, w, data)
     bias, scale = complex(bench.value("tilt_bias_x"), bench.value("tilt_bias_y")), bench.value("tilt_scale")
+    noise = float(np.median(w.noise("tilt_noise"))) / scale if len(w) else 0.0
+    speeds, sizes = unseen_rates(w, bench, data) if data is not None else (np.zeros(0), np.zeros(0))
+
+    def unseen(spin: Any) -> Any:
+        return np.interp(spin, speeds, sizes) if len(speeds) else 0.0 * spin
+
     edge, last = 0, None
     order = np.argsort(w.start, kind="stable").tolist()
     for number in order:
@@ -182,13 +202,24 @@ def course_of(windows: Windows, bench: Bench, samples: Samples | None) -> Course
         rate = np.polynomial.polynomial.polyval(x, np.polynomial.polynomial.polyder(series)) / half
         waves = w.tilt_harmonics[number] @ MEAN[: w.tilt_harmonics.shape[2]] / scale
         before = (slow[0], waves) if last is None else last
-        _fill_gap(course, slice(edge, first), before, (slow[0], waves), data, (bias, scale))
+        _fill_gap(course, slice(edge, first), before, (slow[0], waves), data, (bias, scale), noise, unseen)
         _fill(course, slice(first, stop), slow, rate, waves)
         edge, last = stop, (slow[-1], waves)
     if last is None:
         last = (0.0j, np.zeros(len(HARMONICS), dtype=complex))
-    _fill_gap(course, slice(edge, count), last, (None, last[1]), data, (bias, scale))
+    _fill_gap(course, slice(edge, count), last, (None, last[1]), data, (bias, scale), noise, unseen)
+    if data is not None:
+        _add_unseen(course, unseen)
     return course
+
+
+def _add_unseen(course: Course, unseen: Callable[[Any], Any]) -> None:
+    """Add what the rotor moves below the noise of the readings to the tilt rates; `unseen` is its size by the speed."""
+    for first in range(0, len(course.points), _BLOCK):
+        own = course.points[first : first + _BLOCK]
+        rate = unseen(own[:, 5]) * spread(first, first + len(own))
+        own[:, 2] += rate.real
+        own[:, 3] += rate.imag
 
 
 def _fill(course: Course, where: slice, slow: Any, rate: Any, waves: Any) -> None:
@@ -213,6 +244,8 @@ def _fill_gap(
     after: Any,
     data: Samples | None,
     reading: tuple[complex, float],
+    noise: float,
+    unseen: Callable[[float], float],
 ) -> None:
     """Write the motion between two windows: readings averaged over revolutions, or a straight line without them."""
     count = where.stop - where.start
@@ -241,13 +274,62 @@ def _fill_gap(
     place = np.clip(np.searchsorted(at, time) - 1, 0, max(len(at) - 2, 0))
     inside = (time >= at[0]) & (time <= at[-1])
     slopes = np.diff(tilt) / np.diff(at) if len(at) > 1 else np.zeros(1, dtype=complex)
-    way = tilt[-1] - tilt[0]
-    part = (
-        np.clip(((slow - tilt[0]) * np.conj(way)).real / abs(way) ** 2, 0.0, 1.0) if abs(way) > 1e-3 else
-        (time - begin) / (end - begin)
-    )  # fmt: skip
-    waves = before[1] * (1.0 - part[:, None]) + after[1] * part[:, None]
+    middles, waves = _waves_between(data, (begin, end), spin, reading[1], noise)
+    middles = np.concatenate([[begin], middles, [end]])
+    waves = np.vstack([before[1], waves, after[1]])
+    along = [np.interp(time, middles, part) for part in (*waves.real.T, *waves.imag.T)]
+    waves = np.stack(along[: len(HARMONICS)], axis=-1) + 1j * np.stack(along[len(HARMONICS) :], axis=-1)
     _fill(course, where, slow, np.where(inside, slopes[place], 0.0), waves)
+    if data is not None and course.step < 1.5 * data.period(course.step):
+        _add_sudden(course, where, data, reading, math.hypot(noise * _SMOOTHED / course.step, unseen(spin)))
+
+
+def _add_sudden(
+    course: Course, where: slice, data: Samples, reading: tuple[complex, float], noise: float
+) -> None:
+    """Add to the rates between windows what the readings move by more than noise beyond it, as where a ramp ends.
+
+    `noise` [rad/s] is that of each axis of the rate of smoothed readings, with what the rotor moves unseen.
+    """
+    own, time = course.points[where], course.start + course.step * np.arange(where.start, where.stop)
+    read = np.column_stack([np.interp(time, data.time, data.readings[name]) for name in ("tilt_x", "tilt_y")])
+    read = np.tan((read - [reading[0].real, reading[0].imag]) / reading[1])
+    left = gaussian_filter1d(read - own[:, :2], _SMOOTH, axis=0, order=1) / course.step
+    power = uniform_filter1d((left**2).sum(axis=1), _AROUND)
+    own[:, 2:4] += (
+        left * np.maximum(1.0 - _DOUBTFUL * 2.0 * noise**2 / np.maximum(power, 1e-30), 0.0)[:, None]
+    )
+
+
+def _waves_between(
+    data: Samples | None, between: tuple[float, float], spin: float, scale: float, noise: float
+) -> tuple[Array, Any]:
+    """Return times, and the harmonics of the tilt (times, harmonics) of some revolutions about each that are steady."""
+    nothing = np.zeros(0), np.zeros((0, len(HARMONICS)), dtype=complex)
+    blocks = int((between[1] - between[0]) * spin / (2.0 * math.pi * _REVOLUTIONS))
+    if data is None or blocks < 1:
+        return nothing
+    edges = np.linspace(*np.searchsorted(data.time, between), blocks + 1).astype(int)
+    times, found = [], []
+    for first, stop in itertools.pairwise(edges):
+        if stop - first < 2 * (_SLOW_TERMS + len(HARMONICS)):
+            continue
+        time, angle = data.time[first:stop], data.readings.spin_angle[first:stop]
+        x = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
+        design = np.hstack([np.vander(x, _SLOW_TERMS), np.exp(1j * np.outer(angle, HARMONICS))])
+        tilt = data.readings.tilt_x[first:stop] + 1j * data.readings.tilt_y[first:stop]
+        waves = np.linalg.lstsq(design, tilt)[0]
+        left = float(np.mean(np.abs(tilt - design @ waves) ** 2))
+        if left > _UNSETTLED * 2.0 * (scale * noise) ** 2:
+            continue
+        # a harmonic of noise is none
+        waves = waves[_SLOW_TERMS:]
+        waves = waves * np.maximum(
+            1.0 - _DOUBTFUL**2 * left / len(time) / np.maximum(np.abs(waves) ** 2, 1e-30), 0.0
+        )
+        times.append(0.5 * (time[0] + time[-1]))
+        found.append(waves / scale)
+    return (np.array(times), np.array(found)) if found else nothing
 
 
 def _set_spin(course: Course, w: Windows, data: Samples | None) -> None:
