@@ -292,7 +292,11 @@ def _add_sudden(
     `noise` [rad/s] is that of each axis of the rate of smoothed readings, with what the rotor moves unseen.
     """
     own, time = course.points[where], course.start + course.step * np.arange(where.start, where.stop)
-    read = np.column_stack([np.interp(time, data.time, data.readings[name]) for name in ("tilt_x", "tilt_y")])
+    first, stop = np.searchsorted(data.time, (time[0], time[-1]))
+    part = slice(max(first - 1, 0), stop + 1)
+    read = np.column_stack(
+        [np.interp(time, data.time[part], data.readings[name][part]) for name in ("tilt_x", "tilt_y")]
+    )
     read = np.tan((read - [reading[0].real, reading[0].imag]) / reading[1])
     left = gaussian_filter1d(read - own[:, :2], _SMOOTH, axis=0, order=1) / course.step
     power = uniform_filter1d((left**2).sum(axis=1), _AROUND)
@@ -318,7 +322,7 @@ def _waves_between(
         x = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
         design = np.hstack([np.vander(x, _SLOW_TERMS), np.exp(1j * np.outer(angle, HARMONICS))])
         tilt = data.readings.tilt_x[first:stop] + 1j * data.readings.tilt_y[first:stop]
-        waves = np.linalg.lstsq(design, tilt)[0]
+        waves = np.linalg.solve(design.conj().T @ design, design.conj().T @ tilt)
         left = float(np.mean(np.abs(tilt - design @ waves) ** 2))
         if left > _UNSETTLED * 2.0 * (scale * noise) ** 2:
             continue

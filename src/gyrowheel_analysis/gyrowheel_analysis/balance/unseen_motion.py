@@ -54,7 +54,7 @@ def _variance(windows: Windows, number: int, bench: Bench, data: Samples) -> flo
     waves = [f(order * angle)[:, None] * some for order in FORWARD for f in (np.cos, np.sin)]
     design = np.hstack([np.polynomial.legendre.legvander(x, DEGREE), *waves])
     volts = data.readings.coil_voltage_x[first:stop] + 1j * data.readings.coil_voltage_y[first:stop]
-    left = volts - design @ np.linalg.lstsq(design, volts)[0]
+    left = volts - design @ np.linalg.solve(design.T @ design, design.T @ volts)
     even = np.zeros(count, dtype=complex)  # a lost sample adds nothing
     place = np.round((data.time[first:stop] - data.time[first]) / h).astype(int)
     even[np.minimum(place, count - 1)] = left

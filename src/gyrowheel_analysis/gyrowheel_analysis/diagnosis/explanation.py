@@ -14,6 +14,7 @@ from gyrowheel_analysis.criteria import (
     CHI2_RANGE,
     DRIFT_OR_MAP,
     EVENT_GAIN,
+    MEMORY_ALONE,
     MEMORY_SHARE,
     TIE_LOSS,
 )
@@ -73,18 +74,44 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     """Return the explanation of prepared recordings, with the noise that it leaves.
 
     Effects with a memory are candidates where those of an instant leave something. One of them is taken if it makes the
-    recordings likelier than all that explains them without it; a free form must be likelier than the law.
+    recordings likelier than all that explains them without it; a free form must be likelier than the law. Events and
+    forms are not sought where a law with a memory explains very much and leaves nothing.
     """
-    found = _explained(first, recordings, progress)
-    if not ((_leaves_something(found) and _remembers(found)) or _lags(found)):
-        return found
-    if progress:
-        progress("comparing with laws that have a memory")
-    other = _explained(replace(first, problem=first.problem.with_memory()), recordings, progress)
-    if not any(t.effect is not None and t.effect.states for t in other.best.terms):
+    selection = select(first.problem, progress=progress)
+    other = None
+    if lack_of_fit(first.problem, selection.best) > CHI2_RANGE and _remembers(first.problem, selection.best):
+        other = _with_memory(first, recordings, progress)
+        gain = first.problem.evidence(selection.best) - other.problem.evidence(other.best)
+        if _has_memory(other.best) and not _leaves_something(other) and gain > MEMORY_ALONE:
+            return other
+    found = _explained(first, selection, recordings, progress)
+    if other is None:
+        if not ((_leaves_something(found) and _may_remember(found)) or _lags(found)):
+            return found
+        other = _with_memory(first, recordings, progress)
+    if not _has_memory(other.best):
         return found
     least = TIE_LOSS if found.proposal is not None and other.proposal is None else 0.0
     return other if _cost(other) < _cost(found) + least else found
+
+
+def _with_memory(
+    first: Prepared, recordings: Sequence[Recording], progress: Progress | None
+) -> Explanation:
+    """Return the explanation where laws with a memory are candidates, too."""
+    if progress:
+        progress("comparing with laws that have a memory")
+    problem = first.problem.with_memory()
+    selection = select(problem, progress=progress)
+    if _has_memory(selection.best):
+        # a time or way of a law that is not the usual one looks like drift until it is fitted
+        problem = problem.with_drift_estimated(selection.best)
+        selection = select(problem, progress=progress)
+    return _explained(replace(first, problem=problem), selection, recordings, progress)
+
+
+def _has_memory(fit: Fit) -> bool:
+    return any(t.effect is not None and t.effect.states for t in fit.terms)
 
 
 def _lags(found: Explanation) -> bool:
@@ -108,16 +135,17 @@ def _leaves_something(found: Explanation) -> bool:
     )
 
 
-def _remembers(found: Explanation) -> bool:
+def _may_remember(found: Explanation) -> bool:
     """Whether a law with a memory may explain some of what the effects of an instant leave, or the model alone."""
     problem = found.weighed.problem
-    terms = memory_terms(problem.bench)
-    for known in dict.fromkeys(((), found.selection.best.terms)):
-        fit = problem.fit(known)
-        least = max(ACCEPTED_GAIN_FURTHER, MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem)))
-        if any(gain > least for gain, _ in rank(problem, fit, terms)):
-            return True
-    return False
+    known = dict.fromkeys(((), found.selection.best.terms))
+    return any(_remembers(problem, problem.fit(terms)) for terms in known)
+
+
+def _remembers(problem: Problem, fit: Fit) -> bool:
+    """Whether a law with a memory may explain some of what a fit leaves."""
+    least = max(ACCEPTED_GAIN_FURTHER, MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem)))
+    return any(gain > least for gain, _ in rank(problem, fit, memory_terms(problem.bench)))
 
 
 def _cost(found: Explanation) -> float:
@@ -125,9 +153,10 @@ def _cost(found: Explanation) -> float:
     return found.problem.evidence(found.best) + EVENT_GAIN * len(found.happened)
 
 
-def _explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
-    """Return the explanation by the candidates of prepared recordings."""
-    selection = select(first.problem, progress=progress)
+def _explained(
+    first: Prepared, selection: Selection, recordings: Sequence[Recording], progress: Progress | None
+) -> Explanation:
+    """Return the explanation by the candidates of prepared recordings, from the effects selected among them."""
     weighed = first.reweighed(selection.best)
     if weighed is not first:
         selection = select(weighed.problem, progress=progress)
