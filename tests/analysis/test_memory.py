@@ -13,6 +13,9 @@ import pytest
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.balance.history import History, course_of
 from gyrowheel_analysis.balance.motion import NODES
+from gyrowheel_analysis.channels import DRIFTS
+from gyrowheel_analysis.criteria import ACCEPTED_GAIN
+from gyrowheel_analysis.diagnosis.experiment_design import detection_limits
 from gyrowheel_analysis.fitting.fit import ERRORS, Term, Unknowns
 from gyrowheel_analysis.fitting.preparation import prepare, samples_of
 from gyrowheel_analysis.fitting.problem import Problem
@@ -67,8 +70,8 @@ def test_the_course_follows_the_rotor_within_and_between_windows(samples: Sample
     assert np.abs(summed - (course.points[:, :2] - course.points[0, :2])).max() < 0.003
 
 
-def test_motion_below_the_noise_is_no_movement(samples: Samples, windows: Windows) -> None:
-    """The noise of the readings, differentiated, would wind a friction round and round."""
+def test_motion_below_the_noise_has_its_true_size(samples: Samples, windows: Windows) -> None:
+    """The noise of the readings, differentiated, would wind a friction round; the rotor does move a little."""
     course = course_of(windows, BENCH, samples)
     upright = np.flatnonzero(np.abs(windows.mean_tilt) < 1e-3)
     assert len(upright)
@@ -76,7 +79,11 @@ def test_motion_below_the_noise_is_no_movement(samples: Samples, windows: Window
         own = slice(
             course.place(windows.start[row]), course.place(windows.start[row] + windows.duration[row])
         )
-        assert np.abs(course.points[own, 2] + 1j * course.points[own, 3]).mean() < 2.0e-3
+        # 3.2e-3 in the simulation of a hold at 3500 rpm, 1.1e-3 at 1500 rpm; the noise is 0.06
+        expected = 3.2e-3 * (windows.mean_spin[row] / 366.5) ** 1.25
+        assert np.abs(course.points[own, 2] + 1j * course.points[own, 3]).mean() == pytest.approx(
+            expected, rel=0.25
+        )
 
 
 def test_states_follow_their_rate_along_the_course(samples: Samples, windows: Windows) -> None:
@@ -160,8 +167,8 @@ def test_typed_laws_with_a_memory_are_fitted_and_hold_on_unused_data(
     for effect in (CABLE, RUN_IN):
         for name, true in effect.defaults().items():
             error = max(
-                found.standard_error(effect.name, name), 0.05 * true
-            )  # below the noise the rotor moves, too
+                found.standard_error(effect.name, name), 0.01 * true
+            )  # of what the rotor moves below the noise the size alone is known
             assert abs(found.coefficients[effect.name][name] - true) < 4.0 * error, name
     model = replace(
         Model.new(),
@@ -181,6 +188,42 @@ def test_typed_laws_with_a_memory_are_fitted_and_hold_on_unused_data(
         fit = problem.fit(())
         white = problem.noise.whiten(fit.residual)
         assert (float(white @ white) / len(white) < 1.44) == good
+
+
+def test_what_holds_move_unseen_relaxes_a_friction_and_is_no_damping(tmp_path: Path) -> None:
+    """Without that motion the friction is a sixth too small, and a damping gains more than 100 next to it."""
+    true = {"F": 0.002, "b": 0.02}
+    machine = hidden_machine(1, {"cable_friction": true})
+    problem = prepare(
+        [record(tmp_path, "run", machine, "quick")], Model.new(), drift_scales=dict.fromkeys(DRIFTS, 1.0)
+    ).problem
+    cable = Term("cable_friction", registry()["cable_friction"])
+    damping = Term("external_damping", registry()["external_damping"])
+    found = problem.fit([cable])
+    assert found.coefficients["cable_friction"] == pytest.approx(true, rel=0.025)
+    assert found.chi2 - problem.fit([cable, damping], found).chi2 < ACCEPTED_GAIN
+
+
+def test_recordings_without_coil_voltages_have_a_history_too(samples: Samples, windows: Windows) -> None:
+    readings = samples.readings.copy()
+    for name in ("coil_voltage_x", "coil_voltage_y"):
+        readings[name][:] = math.nan
+    absent = frozenset({"coil_voltage_x", "coil_voltage_y"})
+    course = course_of(windows, BENCH, replace(samples, readings=readings, absent=absent, commanded=None))
+    assert np.isfinite(course.points).all()
+
+
+def test_a_law_with_a_memory_has_a_detection_limit(samples: Samples, windows: Windows) -> None:
+    """It is rough, by the windows alone: within a factor of two of that along the whole motion."""
+    problem = Problem.of([Balance(windows, BENCH, history=History(windows, BENCH, samples))], BENCH)
+    fit = problem.fit(())
+    limits = {own.effect: own.value for own in detection_limits(problem, fit, 1.0)}
+    basis = problem.basis(fit)
+    for name, effect in remembering().items():
+        own = problem.term_jacobian(Term(name, effect), fit, Term(name, effect).amplitudes)
+        column = np.vstack([problem.noise.whiten(own), np.zeros((len(fit.pull), 1))])
+        column = column - basis @ (basis.T @ column)
+        assert limits[name] == pytest.approx(math.sqrt(ACCEPTED_GAIN) / np.linalg.norm(column), rel=0.5), name
 
 
 def test_effects_with_a_memory_are_tried_only_where_something_is_left(

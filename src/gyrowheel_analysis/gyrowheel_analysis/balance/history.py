@@ -40,8 +40,9 @@ from gyrowheel_sim.jit import compile_source, kernel_text
 _MOST = 8_000_000  # points of a course; a longer recording has them farther apart
 _ROW = 0.1  # s, between rows of slow quantities
 _KEPT = 12  # histories of states
+_ROUGH = 8  # sampling instants between the points of a rough course
 _BLOCK = 1 << 16  # points at once
-_TURN = 0.5  # rad, the largest turn between two points at which harmonics are followed
+_TURN = 1.5  # rad, the largest turn between two points at which harmonics are followed
 _REVOLUTIONS, _SLOW_TERMS = (
     4,
     4,
@@ -88,13 +89,20 @@ class History:
     """
 
     def __init__(self, windows: Windows, bench: Bench, samples: Samples | None = None) -> None:
-        self._windows, self._bench, self._samples = windows, bench, samples
+        self._windows, self._bench, self._samples, self._every = windows, bench, samples, 1
         self._found: OrderedDict[Any, dict[str, Any]] = OrderedDict()
+
+    @cached_property
+    def rough(self) -> History:
+        """The states along the windows alone, at some of the sampling instants: enough for a size."""
+        result = History(self._windows, self._bench)
+        result._every = _ROUGH
+        return result
 
     @cached_property
     def course(self) -> Course:
         """The motion of the whole recording."""
-        return course_of(self._windows, self._bench, self._samples)
+        return course_of(self._windows, self._bench, self._samples, self._every)
 
     @cached_property
     def _fits(self) -> list[tuple[slice, Any]]:
@@ -167,12 +175,15 @@ def _terms(x: Any, angle: Any) -> Array:
     return np.column_stack([np.ones_like(x), x, 1.5 * x**2 - 0.5, *waves])
 
 
-def course_of(windows: Windows, bench: Bench, samples: Samples | None) -> Course:
-    """Return the motion of a recording from its windows, and between them from its samples if there are any."""
+def course_of(windows: Windows, bench: Bench, samples: Samples | None, every: int = 1) -> Course:
+    """Return the motion of a recording from its windows, and between them from its samples if there are any.
+
+    Its points are the sampling instants, or one in `every` so many.
+    """
     data = None if samples is None or not len(samples.time) else readable(samples, bench)[0]
     if data is not None and len(data.time) < 2:
         data = None
-    w, period = without_noise(windows), bench.sample_period
+    w, period = without_noise(windows), every * bench.sample_period
     begin = float(data.time[0]) if data is not None else 0.0
     end = float(data.time[-1]) if data is not None else 0.0
     if len(w):

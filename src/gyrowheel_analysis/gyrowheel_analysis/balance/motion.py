@@ -194,6 +194,12 @@ class Motion:
         """Return the states of an effect with these coefficients, by name; a pair where each flexure has its own."""
         return self.history.states(effect, values, NODES, self._phases) if effect.states else {}
 
+    def roughly(self) -> Motion:
+        """Return the same motion, along which states are integrated roughly (`History.rough`)."""
+        result = copy(self)
+        result.history = self.history.rough
+        return result
+
     def undone(self, instruments: Instruments) -> Motion:
         """Return the true motion, if these are readings of some instruments.
 

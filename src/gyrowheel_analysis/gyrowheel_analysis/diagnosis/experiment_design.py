@@ -255,15 +255,16 @@ class Planner:
 def detection_limits(problem: Problem, fit: Fit, inflation: float) -> list[DetectionLimit]:
     """Return the detection limits of the registered effects that model and fit lack, all else being estimated.
 
-    What shapes a law has its usual value.
+    What shapes a law has its usual value. Those with a memory are rough (`Problem.roughly`).
     """
+    rough = problem.roughly()
     basis = problem.basis(fit)
     limits = []
     for term in candidate_terms(problem.bench) + memory_terms(problem.bench):
         effect = term.effect
         if effect is None or term in fit.terms or term.name in problem.unknowns.known:
             continue
-        own = problem.term_jacobian(term, fit, term.amplitudes)
+        own = (rough if effect.states else problem).term_jacobian(term, fit, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((len(fit.pull), own.shape[1]))])
         columns = columns - basis @ (basis.T @ columns)
         needed = math.sqrt(threshold(term, inflation))

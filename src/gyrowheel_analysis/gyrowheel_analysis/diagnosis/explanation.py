@@ -22,7 +22,7 @@ from gyrowheel_analysis.diagnosis.event_dating import Found
 from gyrowheel_analysis.diagnosis.events import explain
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
-from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select
+from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
 from gyrowheel_analysis.diagnosis.unknown import Proposal, settled
 from gyrowheel_analysis.fitting.fit import Fit, memory_terms
 from gyrowheel_analysis.fitting.preparation import Prepared
@@ -73,13 +73,14 @@ def unexplained(first: Prepared) -> Explanation:
 def explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
     """Return the explanation of prepared recordings, with the noise that it leaves.
 
-    Effects with a memory are candidates where those of an instant leave something. One of them is taken if it makes the
+    Effects with a memory are candidates where one of them roughly gains enough, or where those of an instant leave
+    something. One of them is taken if it makes the
     recordings likelier than all that explains them without it; a free form must be likelier than the law. Events and
     forms are not sought where a law with a memory explains very much and leaves nothing.
     """
     selection = select(first.problem, progress=progress)
     other = None
-    if lack_of_fit(first.problem, selection.best) > CHI2_RANGE and _remembers(first.problem, selection.best):
+    if _remembers(first.problem, selection.best, selection.inflation):
         other = _with_memory(first, recordings, progress)
         gain = first.problem.evidence(selection.best) - other.problem.evidence(other.best)
         if _has_memory(other.best) and not _leaves_something(other) and gain > MEMORY_ALONE:
@@ -95,9 +96,7 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     return other if _cost(other) < _cost(found) + least else found
 
 
-def _with_memory(
-    first: Prepared, recordings: Sequence[Recording], progress: Progress | None
-) -> Explanation:
+def _with_memory(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
     """Return the explanation where laws with a memory are candidates, too."""
     if progress:
         progress("comparing with laws that have a memory")
@@ -142,10 +141,17 @@ def _may_remember(found: Explanation) -> bool:
     return any(_remembers(problem, problem.fit(terms)) for terms in known)
 
 
-def _remembers(problem: Problem, fit: Fit) -> bool:
-    """Whether a law with a memory may explain some of what a fit leaves."""
-    least = max(ACCEPTED_GAIN_FURTHER, MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem)))
-    return any(gain > least for gain, _ in rank(problem, fit, memory_terms(problem.bench)))
+def _remembers(problem: Problem, fit: Fit, inflation: float = 0.0) -> bool:
+    """Whether a law with a memory may explain some of what a fit leaves.
+
+    If nothing need be left, `inflation` is that of the gain that a term must bring.
+    """
+    share = MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem))
+    ranked = rank(problem.roughly(), fit, memory_terms(problem.bench))
+    return any(
+        gain > max(threshold(term, inflation) if inflation else ACCEPTED_GAIN_FURTHER, share)
+        for gain, term in ranked
+    )
 
 
 def _cost(found: Explanation) -> float:

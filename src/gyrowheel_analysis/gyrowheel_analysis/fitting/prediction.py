@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +55,16 @@ class Prediction:
         result.unknowns, result._states = self.unknowns.with_memory(), self._states.copy()
         result._stated_columns = self._stated_columns.copy()
         result.__dict__.pop("candidate_columns", None)
+        return result
+
+    def roughly(self) -> Prediction:
+        """Return the same prediction, in whose known states further laws with a memory are rough (`History.rough`)."""
+        result = copy(self)
+        result._stated_columns = {}
+        result._states = OrderedDict(
+            (key, (values, [replace(at, motion=at.motion.roughly()) for at in instants], rows))
+            for key, (values, instants, rows) in self._states.items()
+        )
         return result
 
     def split(self, rows: Array) -> list[Array]:

@@ -72,6 +72,13 @@ class Problem:
         """Return the same problem where effects with a memory are candidates, too, with the drifts that they leave."""
         return replace(self, prediction=self.prediction.with_memory()).with_drift_estimated()
 
+    def roughly(self) -> Problem:
+        """Return the same problem, to which laws with a memory add quickly what they roughly do.
+
+        To follow the whole motion of a recording takes longer than all else where nothing is missing.
+        """
+        return replace(self, prediction=self.prediction.roughly())
+
     @property
     def balances(self) -> tuple[Balance, ...]:
         """The balances, one a recording."""

@@ -122,12 +122,10 @@ CABLE_FRICTION = Effect(
     laws=(Law("rotor_torque", -_F * _pull),),
     states=(LawState("s", "1", (z_rate - _pull * sp.Abs(z_rate)) / _b, complex=True),),
     coefficients=(
-        amplitude(
-            "F", "N*m", "torque of the cable once it slips", (5e-5, 3e-4), 0.05, "assumed: some thin leads"
-        ),
+        amplitude("F", "N*m", "torque of the cable once it slips", (3e-4, 2e-3), 0.05),
         constant("b", "rad", "tilt over which the pull builds up", 0.02, 0.01, (0.002, 0.2)),
     ),
-    validity="pull up to 0.3 mN*m; what a hold moves below the noise of the readings relaxes a larger one visibly",
+    validity="tilt up to 5 deg",
     source="Dahl 1968, A solid friction model, with the exponent 1 and a direction in the plane",
     look_alikes={
         "external_damping": "the same tilt reached from opposite sides (plan check): friction stays in a hold",
