@@ -324,7 +324,8 @@ def _waves_between(
     blocks = int((between[1] - between[0]) * spin / (2.0 * math.pi * _REVOLUTIONS))
     if data is None or blocks < 1:
         return nothing
-    edges = np.linspace(*np.searchsorted(data.time, between), blocks + 1).astype(int)
+    begin, end = np.searchsorted(data.time, between).tolist()
+    edges = np.linspace(begin, end, blocks + 1).astype(int)
     times, found = [], []
     for first, stop in itertools.pairwise(edges):
         if stop - first < 2 * (_SLOW_TERMS + len(HARMONICS)):
