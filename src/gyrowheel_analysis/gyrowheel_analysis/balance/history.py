@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 
 from gyrowheel_analysis.balance.unseen_motion import spread, unseen_rates
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
@@ -43,16 +42,13 @@ _KEPT = 12  # histories of states
 _ROUGH = 8  # sampling instants between the points of a rough course
 _BLOCK = 1 << 16  # points at once
 _TURN = 1.5  # rad, the largest turn between two points at which harmonics are followed
-_REVOLUTIONS, _SLOW_TERMS = (
-    4,
-    4,
-)  # between windows: of a block whose harmonics are taken, and of its slow motion
+_REVOLUTIONS = 4  # of a block between windows whose harmonics are taken
+_SLOW_TERMS = 4  # of the slow motion in it
 _DOUBTFUL = 2.0  # deviations of its noise that a harmonic of a block loses
 _UNSETTLED = 3.0  # noise variances that motion leaves in a block, beyond which its harmonics are not taken
 _SMOOTH, _AROUND = 3.0, 40  # samples: of a Gaussian that smooths readings between windows, and of local means
-_SMOOTHED = (
-    4.0 * math.sqrt(math.pi) * _SMOOTH**3
-) ** -0.5  # deviation of its rate for unit noise and unit step
+#: Deviation of the rate of smoothed readings, for unit noise and unit step.
+_SMOOTHED = (4.0 * math.sqrt(math.pi) * _SMOOTH**3) ** -0.5
 _SLOW = ("T_coil", "T_air", "T_winding", "T_motor", "rho", "i_motor")
 
 
@@ -302,6 +298,9 @@ def _add_sudden(
 
     `noise` [rad/s] is that of each axis of the rate of smoothed readings, with what the rotor moves unseen.
     """
+    # takes long to load, and only laws with a memory need it
+    from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
     own, time = course.points[where], course.start + course.step * np.arange(where.start, where.stop)
     first, stop = np.searchsorted(data.time, (time[0], time[-1]))
     part = slice(max(first - 1, 0), stop + 1)
@@ -311,9 +310,8 @@ def _add_sudden(
     read = np.tan((read - [reading[0].real, reading[0].imag]) / reading[1])
     left = gaussian_filter1d(read - own[:, :2], _SMOOTH, axis=0, order=1) / course.step
     power = uniform_filter1d((left**2).sum(axis=1), _AROUND)
-    own[:, 2:4] += (
-        left * np.maximum(1.0 - _DOUBTFUL * 2.0 * noise**2 / np.maximum(power, 1e-30), 0.0)[:, None]
-    )
+    kept = np.maximum(1.0 - _DOUBTFUL * 2.0 * noise**2 / np.maximum(power, 1e-30), 0.0)
+    own[:, 2:4] += left * kept[:, None]
 
 
 def _waves_between(
@@ -338,11 +336,10 @@ def _waves_between(
         left = float(np.mean(np.abs(tilt - design @ waves) ** 2))
         if left > _UNSETTLED * 2.0 * (scale * noise) ** 2:
             continue
-        # a harmonic of noise is none
         waves = waves[_SLOW_TERMS:]
-        waves = waves * np.maximum(
-            1.0 - _DOUBTFUL**2 * left / len(time) / np.maximum(np.abs(waves) ** 2, 1e-30), 0.0
-        )
+        # harmonics of the noise alone vanish
+        doubt = _DOUBTFUL**2 * left / len(time) / np.maximum(np.abs(waves) ** 2, 1e-30)
+        waves = waves * np.maximum(1.0 - doubt, 0.0)
         times.append(0.5 * (time[0] + time[-1]))
         found.append(waves / scale)
     return (np.array(times), np.array(found)) if found else nothing

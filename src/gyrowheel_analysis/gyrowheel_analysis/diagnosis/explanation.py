@@ -74,9 +74,9 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     """Return the explanation of prepared recordings, with the noise that it leaves.
 
     Effects with a memory are candidates where one of them roughly gains enough, or where those of an instant leave
-    something. One of them is taken if it makes the
-    recordings likelier than all that explains them without it; a free form must be likelier than the law. Events and
-    forms are not sought where a law with a memory explains very much and leaves nothing.
+    something. One of them is taken if it makes the recordings likelier than all that explains them without it; a free
+    form must be likelier than the law. Events and forms are not sought where a law with a memory explains very much and
+    leaves nothing.
     """
     selection = select(first.problem, progress=progress)
     other = None
