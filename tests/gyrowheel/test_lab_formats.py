@@ -191,6 +191,22 @@ def test_the_head_of_a_compressed_text_may_end_within_a_character(tmp_path: Path
     assert (form.names[2], form.encoding) == ("ü", "utf-8")
 
 
+@pytest.mark.parametrize(
+    ("head", "encoding"),
+    [
+        ("时间,倾角X,转速", "gb2312"),
+        ("Zeit,Größe,Drehzahl", "latin-1"),  # two letters in a row beyond ASCII, as a Chinese one has
+        ("temps,créée,vitesse", "latin-1"),
+        ("时间,Größe,°C", "utf-16-le"),
+    ],
+)
+def test_a_head_is_read_in_the_encoding_of_its_letters(tmp_path: Path, head: str, encoding: str) -> None:
+    file = tmp_path / "rig.csv"
+    rows = [f"{0.001 * k:.3f},{k % 7},{k % 5}" for k in range(200)]
+    file.write_bytes("\n".join([head, *rows]).encode(encoding))
+    assert list(read_grid(file).columns) == head.split(",")
+
+
 @pytest.mark.parametrize("late", [False, True], ids=["in the names", "far below"])
 def test_a_long_text_in_latin_1_is_read(tmp_path: Path, late: bool) -> None:
     """Longer than what is looked at: its letters are those of latin-1, wherever the first one stands."""

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _SPARSE = 0.5  # part of the rows of samples; a slow reading with more values has holes, and no separate rows
-_FEWEST = (
-    0.02  # smallest part of the rows that are no samples, where slow readings stand in rows of samples, too
-)
+#: Smallest part of the rows that are no samples, where slow readings stand in rows of samples, too.
+_FEWEST = 0.02
 _BRIDGED = 4.5  # usual distances of rows with values; a wider gap is a hole
 
 

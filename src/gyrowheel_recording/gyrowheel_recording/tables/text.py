@@ -58,6 +58,7 @@ _REMARKS: Final = ("", "comment", "comments", "remark", "remarks", "note", "note
 _NOTHING: Final = frozenset(EMPTY)
 _ENCODINGS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _CHINESE: Final = re.compile(rb"([\xb0-\xf7][\xa1-\xfe])+")  # characters of GB 2312 in its two bytes each
+_IN_A_WORD: Final = re.compile(rb"[a-z][\x80-\xff]+[a-z]")  # letters with accents, as of "Größe"
 _PAIRS: Final = 64  # bytes by which two a character are told from one
 
 
@@ -175,10 +176,14 @@ def form_of(
 def one_byte_encoding(data: bytes) -> str:
     """Return the encoding of a text that is not Unicode: that of Windows where it has signs that Latin 1 lacks.
 
-    Chinese where all signs beyond ASCII come in such pairs as GB 2312 has.
+    Chinese where all signs beyond ASCII come in such pairs as GB 2312 has, and none between small letters.
     """
     runs = re.findall(rb"[\x80-\xff]+", data[:_SEEN])
-    if runs and all(len(run) % 2 == 0 and _CHINESE.fullmatch(run) for run in runs):
+    if (
+        runs
+        and not _IN_A_WORD.search(data[:_SEEN])
+        and all(len(run) % 2 == 0 and _CHINESE.fullmatch(run) for run in runs)
+    ):
         with contextlib.suppress(UnicodeDecodeError):
             data[:_SEEN].decode("gb18030")
             return "gb18030"
