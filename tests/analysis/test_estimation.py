@@ -252,6 +252,6 @@ def test_bad_options_are_refused_in_one_line(
 @pytest.mark.slow
 def test_pictures_of_a_fit_have_their_names_and_units(fit: Fit[gw.Model]) -> None:
     assert fit.plot().axes[0].get_title("left") == "Correlation of the estimates"
-    assert fit.plot("windage.w").axes[0].get_xlabel() == "windage.w [N·m]"
+    assert fit.plot("windage.w").axes[0].get_xlabel() == "windage.w, mN·m"
     with pytest.raises(gw.InputError, match=r"motor_constant: is fixed; allowed: windage\.w"):
         fit.plot("motor_constant")

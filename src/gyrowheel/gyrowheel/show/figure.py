@@ -19,7 +19,7 @@ from typing import Any, ParamSpec
 from numpy.typing import ArrayLike
 
 from gyrowheel_core import cache
-from gyrowheel_core.errors import visible
+from gyrowheel_core.errors import InputError, visible
 from gyrowheel_core.files import new_file
 from gyrowheel_core.surroundings import ignored_here
 from gyrowheel_core.units import DEG, RPM
@@ -178,9 +178,12 @@ _FORMATS: Mapping[str, Callable[[Figure], bytes]] = {".png": png_bytes, ".svg": 
 def write_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure with its folders, atomically, in the format of the ending of its name.
 
-    InputError if the file cannot be written.
+    InputError if the file cannot be written, or its name has another ending.
     """
-    content = _FORMATS[Path(path).suffix](figure)
+    suffix = Path(path).suffix.lower()
+    if suffix not in _FORMATS:
+        raise InputError(f"{path}: '{suffix}' is no format of pictures; allowed: {', '.join(_FORMATS)}")
+    content = _FORMATS[suffix](figure)
     with new_file(Path(path)) as place:
         place.write_bytes(content)
 

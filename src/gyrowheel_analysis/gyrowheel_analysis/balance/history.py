@@ -39,6 +39,7 @@ from gyrowheel_sim.jit import compile_source, kernel_text
 _MOST = 8_000_000  # points of a course; a longer recording has them farther apart
 _ROW = 0.1  # s, between rows of slow quantities
 _KEPT = 12  # histories of states
+_PARTS = 64  # of a step, at most, unless one is longer than a second: a pause may last for years
 _ROUGH = 8  # sampling instants between the points of a rough course
 _BLOCK = 1 << 16  # points at once
 _TURN = 1.5  # rad, the largest turn between two points at which harmonics are followed
@@ -158,6 +159,7 @@ class History:
         size = memory_size([effect])
         out = np.empty((len(course.points), size // 3))
         parts = max(math.ceil(course.step / self._bench.sample_period - 1e-6), 1)
+        parts = min(parts, max(_PARTS, math.ceil(course.step)))
         code.states_along(
             coefficients, active, np.zeros(size), course.points, course.slow, course.per_row, course.start,
             course.step, parts, out,
@@ -187,7 +189,8 @@ def course_of(windows: Windows, bench: Bench, samples: Samples | None, every: in
     step = period * max(math.ceil((end - begin) / period / _MOST), 1)
     count = max(round((end - begin) / step), 1) + 1
     points = np.zeros((count, 6), dtype=np.float32)
-    course = Course(points, _slow(w, bench, data, begin, end), max(round(_ROW / step), 1), begin, step)
+    per_row = max(round(_ROW / step), 1)
+    course = Course(points, _slow(w, bench, data, (begin, end), per_row * step), per_row, begin, step)
     _set_spin(course, w, data)
     bias, scale = complex(bench.value("tilt_bias_x"), bench.value("tilt_bias_y")), bench.value("tilt_scale")
     noise = float(np.median(w.noise("tilt_noise"))) / scale if len(w) else 0.0
@@ -258,8 +261,7 @@ def _fill_gap(
     count = where.stop - where.start
     if count <= 0:
         return
-    time = course.start + course.step * np.arange(where.start, where.stop)
-    begin, end = time[0] - course.step, time[-1] + course.step
+    begin, end = (course.start + course.step * place for place in (where.start - 1, where.stop))
     knots: list[Array] = []
     values: list[Any] = []
     spin = float(np.mean(course.points[where, 5]))
@@ -277,16 +279,23 @@ def _fill_gap(
     tilt = np.concatenate([[before[0]] * from_start, *values, [after[0]] * to_end])
     if not len(at):
         at, tilt = np.array([begin]), np.array([before[0]])
-    slow = np.interp(time, at, tilt.real) + 1j * np.interp(time, at, tilt.imag)
-    place = np.clip(np.searchsorted(at, time) - 1, 0, max(len(at) - 2, 0))
-    inside = (time >= at[0]) & (time <= at[-1])
     slopes = np.diff(tilt) / np.diff(at) if len(at) > 1 else np.zeros(1, dtype=complex)
-    middles, waves = _waves_between(data, (begin, end), spin, reading[1], noise)
+    middles, between = _waves_between(data, (begin, end), spin, reading[1], noise)
     middles = np.concatenate([[begin], middles, [end]])
-    waves = np.vstack([before[1], waves, after[1]])
-    along = [np.interp(time, middles, part) for part in (*waves.real.T, *waves.imag.T)]
-    waves = np.stack(along[: len(HARMONICS)], axis=-1) + 1j * np.stack(along[len(HARMONICS) :], axis=-1)
-    _fill(course, where, slow, np.where(inside, slopes[place], 0.0), waves)
+    between = np.vstack([before[1], between, after[1]])
+    for first in range(where.start, where.stop, _BLOCK):
+        part = slice(first, min(first + _BLOCK, where.stop))
+        time = course.start + course.step * np.arange(part.start, part.stop)
+        slow = np.interp(time, at, tilt.real) + 1j * np.interp(time, at, tilt.imag)
+        place = np.clip(np.searchsorted(at, time) - 1, 0, max(len(at) - 2, 0))
+        inside = (time >= at[0]) & (time <= at[-1])
+        waves = np.column_stack(
+            [
+                np.interp(time, middles, own.real) + 1j * np.interp(time, middles, own.imag)
+                for own in between.T
+            ]
+        )
+        _fill(course, part, slow, np.where(inside, slopes[place], 0.0), waves)
     if data is not None and course.step < 1.5 * data.period(course.step):
         _add_sudden(course, where, data, reading, math.hypot(noise * _SMOOTHED / course.step, unseen(spin)))
 
@@ -319,10 +328,14 @@ def _waves_between(
 ) -> tuple[Array, Any]:
     """Return times, and the harmonics of the tilt (times, harmonics) of some revolutions about each that are steady."""
     nothing = np.zeros(0), np.zeros((0, len(HARMONICS)), dtype=complex)
-    blocks = int((between[1] - between[0]) * spin / (2.0 * math.pi * _REVOLUTIONS))
-    if data is None or blocks < 1:
+    if data is None:
         return nothing
     begin, end = np.searchsorted(data.time, between).tolist()
+    # by the samples: a pause has no revolutions
+    seconds = (end - begin) * float(np.median(np.diff(data.time[begin:end]))) if end - begin > 1 else 0.0
+    blocks = int(seconds * spin / (2.0 * math.pi * _REVOLUTIONS))
+    if blocks < 1:
+        return nothing
     edges = np.linspace(begin, end, blocks + 1).astype(int)
     times, found = [], []
     for first, stop in itertools.pairwise(edges):
@@ -358,15 +371,16 @@ def _set_spin(course: Course, w: Windows, data: Samples | None) -> None:
     course.points[:, 4] = angle % (2.0 * math.pi)
 
 
-def _slow(w: Windows, bench: Bench, data: Samples | None, begin: float, end: float) -> Array:
-    """Return the slow quantities of the laws, a row every `_ROW` seconds."""
-    time = begin + _ROW * (np.arange(max(math.ceil((end - begin) / _ROW), 1) + 1) + 0.5)
+def _slow(w: Windows, bench: Bench, data: Samples | None, between: tuple[float, float], row: float) -> Array:
+    """Return the slow quantities of the laws between two times, a row every `row` seconds."""
+    begin, end = between
+    time = begin + row * (np.arange(max(math.ceil((end - begin) / row), 1) + 1) + 0.5)
     still = {"T_coil": "air_temperature", "T_air": "air_temperature", "T_winding": "air_temperature"}
     columns: dict[str, Array] = {name: np.full(len(time), bench.value(own)) for name, own in still.items()}
     columns["T_motor"] = columns["T_air"]
     pressure, current = np.full(len(time), bench.value("air_pressure")), np.zeros(len(time))
     if data is not None:
-        block = np.clip(((data.time - begin) / _ROW).astype(np.int64), 0, len(time) - 1)
+        block = np.clip(((data.time - begin) / row).astype(np.int64), 0, len(time) - 1)
         number = np.bincount(block, minlength=len(time))
         known = np.flatnonzero(number)
 

@@ -17,7 +17,7 @@ from gyrowheel_analysis.diagnosis.estimates import DetectionLimit
 from gyrowheel_analysis.diagnosis.findings import EffectFinding
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
-from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Unknowns, candidate_terms, memory_terms
+from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Unknowns, candidate_terms
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -260,7 +260,7 @@ def detection_limits(problem: Problem, fit: Fit, inflation: float) -> list[Detec
     rough = problem.roughly()
     basis = problem.basis(fit)
     limits = []
-    for term in candidate_terms(problem.bench) + memory_terms(problem.bench):
+    for term in candidate_terms(problem.bench) + problem.memory_terms:
         effect = term.effect
         if effect is None or term in fit.terms or term.name in problem.unknowns.known:
             continue

@@ -24,7 +24,7 @@ from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
 from gyrowheel_analysis.diagnosis.unknown import Proposal, settled
-from gyrowheel_analysis.fitting.fit import Fit, memory_terms
+from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
@@ -117,9 +117,7 @@ def _lags(found: Explanation) -> bool:
     """Whether a law with a memory that resembles an effect that was found would explain more than it does."""
     names = {term.name for term in found.best.terms}
     alike = [
-        t
-        for t in memory_terms(found.problem.bench)
-        if t.effect is not None and names & set(t.effect.look_alikes)
+        t for t in found.problem.memory_terms if t.effect is not None and names & set(t.effect.look_alikes)
     ]
     return any(gain > ACCEPTED_GAIN_FURTHER for gain, _ in rank(found.problem, found.best, alike))
 
@@ -147,7 +145,7 @@ def _remembers(problem: Problem, fit: Fit, inflation: float = 0.0) -> bool:
     If nothing need be left, `inflation` is that of the gain that a term must bring.
     """
     share = MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem))
-    ranked = rank(problem.roughly(), fit, memory_terms(problem.bench))
+    ranked = rank(problem.roughly(), fit, problem.memory_terms)
     return any(
         gain > max(threshold(term, inflation) if inflation else ACCEPTED_GAIN_FURTHER, share)
         for gain, term in ranked

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.criteria import STATED_RANGE
+from gyrowheel_analysis.criteria import MEMORY_PAUSE, STATED_RANGE
 from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns, event_widths
-from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns
+from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns, memory_terms
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.solver import Objective, solve
+from gyrowheel_recording.bags.reader import pauses
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
@@ -71,6 +72,12 @@ class Problem:
     def with_memory(self) -> Problem:
         """Return the same problem where effects with a memory are candidates, too, with the drifts that they leave."""
         return replace(self, prediction=self.prediction.with_memory()).with_drift_estimated()
+
+    @property
+    def memory_terms(self) -> list[Term]:
+        """The laws with a memory that the recordings may show; none with a long pause, in which it is unknown."""
+        starts = (np.sort(balance.windows.start) for balance in self.balances)
+        return [] if any(len(pauses(own, MEMORY_PAUSE)) for own in starts) else memory_terms(self.bench)
 
     def roughly(self) -> Problem:
         """Return the same problem, to which laws with a memory add quickly what they roughly do.

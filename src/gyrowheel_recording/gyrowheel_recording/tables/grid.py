@@ -88,7 +88,7 @@ class Grid:
         names = distinct(column.name for column in given)
         found = {name: replace(column, name=name) for name, column in zip(names, given, strict=True)}
         if not found:
-            raise InputError(f"{name}: has no columns of numbers")
+            raise InputError(f"{name}: has no columns of numbers" + "".join(f"; {remark}" for remark in said))
         return cls(name, found, tuple(said))
 
     def cut(self, rows: Any) -> Grid:

@@ -82,8 +82,7 @@ def of_table(table: Any, where: str) -> Grid:
         if pa.types.is_duration(values.type):
             unit = "s"
         if _is_text(values.type):
-            with contextlib.suppress(pa.ArrowException):  # numbers that were saved as texts
-                values = plain(values).cast(pa.float64())
+            values = _unquoted(values)
         if pa.types.is_dictionary(values.type) and _is_text(values.type):
             cells = values.slice(0, _SEEN).combine_chunks()
             values = pc.utf8_slice_codeunits(cells.dictionary, 0, _SEEN).take(cells.indices)
@@ -91,6 +90,16 @@ def of_table(table: Any, where: str) -> Grid:
             unit = "s"
         columns.append(Column(name, as_numbers(plain(values)), "" if unit == "1" else unit))
     return Grid.of(where, columns)
+
+
+def _unquoted(values: Any) -> Any:
+    """Return texts as numbers where all of them are numbers; a repeated text is looked at once."""
+    with contextlib.suppress(pa.ArrowException):
+        if not pa.types.is_dictionary(values.type):
+            return values.cast(pa.float64())
+        parts = [own.dictionary.cast(pa.float64()).take(own.indices) for own in values.chunks]
+        return pa.chunked_array(parts, pa.float64())
+    return values
 
 
 def plain(values: Any) -> Any:
