@@ -30,8 +30,9 @@ from gyrowheel.workbench import server as workbench_server
 from gyrowheel.workbench.benches import SimulatedBench
 from gyrowheel.workbench.coefficients import Estimates
 from gyrowheel.workbench.library import ROLES, Envelope, Library, Opened, envelopes
+from gyrowheel.workbench.report import before
 from gyrowheel.workbench.server import Access, Server
-from gyrowheel.workbench.session import Session, Step, before
+from gyrowheel.workbench.session import Session, Step
 from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage

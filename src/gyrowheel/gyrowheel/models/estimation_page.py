@@ -36,14 +36,14 @@ def fit_page(fit: Estimation) -> Iterator[RenderableType]:
         table = words_table("", "estimate", "from the data alone", "prior", whole=(0, 1, 2, 3))
         for name in effects:
             own = fit.parameters[name]
-            table.add_row(Text(name, style="cyan"), estimate_of(own), _data(own), _prior(own))
+            table.add_row(Text(name, style="cyan"), estimate_of(own), alone_of(own), stated_of(own))
         yield Padding(table, _INDENT)
     if bench:
         yield heading("Bench parameters")
         table = words_table("", "estimate", "prior", whole=(0, 1, 2))
         for name in bench:
             own = fit.parameters[name]
-            table.add_row(Text(name, style="cyan"), estimate_of(own), _prior(own))
+            table.add_row(Text(name, style="cyan"), estimate_of(own), stated_of(own))
         yield Padding(table, _INDENT)
     if fixed := [name for name, own in fit.parameters.items() if not own.free]:
         what = ", ".join(fixed) if len(fixed) <= _MOST_FIXED else f"{len(fixed)} parameters"
@@ -89,10 +89,10 @@ def strongest_pairs(fit: Estimation) -> Iterator[tuple[str, str, float]]:
 
 def estimate_of(own: Parameter) -> str:
     """Return an estimate with its standard error and unit."""
-    return value_with_error(own, own.value, own.standard_error)
+    return _value(own, own.value, own.standard_error)
 
 
-def value_with_error(own: Parameter, value: float, error: float) -> str:
+def _value(own: Parameter, value: float, error: float) -> str:
     """Return a value of a parameter with its error, in the unit in which people read it."""
     return with_error(value, error, own.unit, pure=_is_pure(own))
 
@@ -107,11 +107,13 @@ def _is_pure(own: Parameter) -> bool:
     return is_pure(effect, key) if key else True
 
 
-def _prior(own: Parameter) -> str:
-    return "–" if own.prior is None else value_with_error(own, own.prior.mean, own.prior.deviation)
+def stated_of(own: Parameter) -> str:
+    """Return the prior of a parameter, which is its stated value."""
+    return "–" if own.prior is None else _value(own, own.prior.mean, own.prior.deviation)
 
 
-def _data(own: Parameter) -> str:
+def alone_of(own: Parameter, without_prior: str = "the same") -> str:
+    """Return what the recordings alone determine; `without_prior` where that is the estimate itself."""
     if own.prior is None:
-        return "the same"
-    return "not determined" if own.data is None else value_with_error(own, *own.data)
+        return without_prior
+    return "not determined" if own.data is None else _value(own, *own.data)

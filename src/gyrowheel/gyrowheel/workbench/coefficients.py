@@ -13,10 +13,11 @@ from gyrowheel.models.api import Model
 from gyrowheel.models.estimation import Fit
 from gyrowheel.models.estimation_page import (
     CORRELATED,
+    alone_of,
     estimate_of,
+    stated_of,
     strongest_pairs,
     unit_of,
-    value_with_error,
 )
 from gyrowheel_analysis.estimation.result import Parameter
 from gyrowheel_core.quantities import decimal, pair
@@ -64,7 +65,7 @@ class Estimates:
 
 
 def shown(own: Estimates | None) -> dict[str, Any] | None:
-    """Return what the page draws of estimates; each parameter is in a unit of its own."""
+    """Return estimates as the page draws them, each parameter in its own unit."""
     if own is None:
         return None
     fit = own.fit
@@ -105,8 +106,8 @@ def _row(own: Estimates, parameter: Parameter) -> dict[str, Any]:
         },
         "words": {
             "both": estimate_of(parameter),
-            "stated": "–" if prior is None else value_with_error(parameter, prior.mean, prior.deviation),
-            "data": _alone(parameter),
+            "stated": stated_of(parameter),
+            "data": alone_of(parameter, estimate_of(parameter)),
         },
     }
 
@@ -114,12 +115,6 @@ def _row(own: Estimates, parameter: Parameter) -> dict[str, Any]:
 def _interval(unit: Unit, low: float, high: float) -> str:
     error = 0.5 * (high - low) / unit.size
     return f"{' … '.join(pair(end / unit.size, error).split(' ± ')[0] for end in (low, high))} {unit.label}".strip()
-
-
-def _alone(parameter: Parameter) -> str:
-    if parameter.prior is None:
-        return estimate_of(parameter)
-    return "not determined" if parameter.data is None else value_with_error(parameter, *parameter.data)
 
 
 def _numbers(unit: Unit, *values: float) -> list[float]:
@@ -137,10 +132,10 @@ def _sentences(fit: Fit[Model]) -> Iterator[str]:
     """Yield what the estimates mean: correlation, values that moved, and values that the recordings do not improve."""
     pairs = list(strongest_pairs(fit))
     of_effect = next((own for own in pairs if "." in own[0] + own[1]), None)
-    for who, found in (("of an effect", of_effect), ("of all", pairs[0] if pairs else None)):
-        if found is None or (who == "of all" and found == of_effect):
-            continue
-        first, second, r = found
+    strongest = {"of an effect": of_effect} if of_effect else {}
+    if pairs and pairs[0] != of_effect:
+        strongest["of all"] = pairs[0]
+    for who, (first, second, r) in strongest.items():
         said = f"Strongest correlation {who}: {first} and {second}, {decimal(r, 2, sign=True)}"
         if abs(r) >= CORRELATED:
             other = "larger" if r > 0.0 else "smaller"

@@ -17,24 +17,21 @@ from pathlib import Path
 from gyrowheel.catalogue.api import own_effect
 from gyrowheel.comparison.api import Comparison, compare
 from gyrowheel.diagnosis.api import Diagnosis, diagnose
-from gyrowheel.diagnosis.page import diagnosing, following
 from gyrowheel.drag_comparison.api import drag
 from gyrowheel.models.api import Model, effects_to_add
-from gyrowheel.recordings.api import Recording, noted_machine
-from gyrowheel.report.api import Report
+from gyrowheel.recordings.api import Recording
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
 from gyrowheel.workbench.coefficients import Estimates
 from gyrowheel.workbench.jobs import Jobs, Work
 from gyrowheel.workbench.library import ROLES, USES, Library, Opened, Range, Role, Use, with_range
+from gyrowheel.workbench.report import report_page
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import disk_errors, new_folder, read_beginning
 from gyrowheel_core.locks import changing
 from gyrowheel_sim.effects import Effect
 
-#: Name of the file of a model that was not read from one.
-MODEL = "wheel.yaml"
 #: Why a test cannot be run from here.
 NO_BENCH = (
     "these recordings are not of a simulated bench; run the plan on your bench, and open its recording here"
@@ -62,44 +59,6 @@ class Step:
     def only(self, model: Model) -> Step:
         """Return a model with the same ranges, and no results."""
         return Step(model, ranges=self.ranges)
-
-
-def before(model: Model, kept: Model, file: Path | None) -> list[str]:
-    """Return the commands that come before those of a report, so that they find its model.
-
-    `kept` is the model in `file`; None if the model was not read from one.
-    """
-    if model is not kept:
-        return ["# first save the model in the workbench, under the name that follows"]
-    return [] if file else [f"gyrowheel model new --model {MODEL}"]
-
-
-def report_page(
-    diagnosis: Diagnosis,
-    comparison: Comparison | None,
-    model: Model,
-    recordings: tuple[Sequence[Recording], Sequence[Recording]],
-    kept: Model,
-    file: Path | None,
-) -> str:
-    """Return the report on a diagnosis as one page of HTML.
-
-    `recordings` are those that were fitted, and those that were not; `kept` and `file` as in `before`.
-    """
-    fitted, unused = recordings
-    paths, held = ([recording.path for recording in own] for own in recordings)
-    named = file or Path(MODEL)
-    return Report.around(
-        diagnosis,
-        model,
-        fitted,
-        unused,
-        comparison=comparison,
-        commands=[*before(model, kept, file), diagnosing(paths, named, held)],
-        next_command=following(
-            diagnosis, paths, held, named, model.bench_source, machine=noted_machine(fitted)
-        ),
-    ).html()
 
 
 @contextlib.contextmanager

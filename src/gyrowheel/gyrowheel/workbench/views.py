@@ -20,7 +20,8 @@ from gyrowheel.show.sentences.diagnosis import purpose
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel.workbench.benches import SimulatedBench
 from gyrowheel.workbench.library import ROLES, Opened
-from gyrowheel.workbench.session import MODEL, NO_BENCH, Session
+from gyrowheel.workbench.report import MODEL
+from gyrowheel.workbench.session import NO_BENCH, Session
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.quantities import fixed

@@ -18,7 +18,7 @@ from gyrowheel_sim.bench import Bench
 _SHORTEST = 0.4  # s, of a window: a shorter one does not resolve the frequencies about that of the nutation
 #: Distances [Hz] from the nutation: within the first, torque over motion depends on an inertia that is known to a
 #: part in a hundred; up to the second, motion is about as strong there.
-_NEAR, _BESIDE = 3.0, 9.0
+_NEAR, _AROUND = 3.0, 9.0
 
 
 def unseen_rates(windows: Windows, bench: Bench, data: Samples) -> tuple[Array, Array]:
@@ -65,13 +65,13 @@ def _variance(windows: Windows, number: int, bench: Bench, data: Samples) -> flo
     )
     frequency = 2.0 * math.pi * np.fft.fftfreq(count, h)
     away = np.abs(frequency - nutation) / (2.0 * math.pi)
-    near, beside = away < _NEAR, (away >= _NEAR) & (away < _BESIDE)
+    near, around = away < _NEAR, (away >= _NEAR) & (away < _AROUND)
     # of a free gyroscope at the sampling instants, for a torque that is held between them
     answer = math.sin(0.5 * nutation * h) / (
         nutation * _inertia(bench) * np.sin(0.5 * (frequency - nutation) * h + near)
     )
     power = np.where(near, 0.0, torque * answer**2)
-    power[near] = power[beside].mean()
+    power[near] = power[around].mean()
     return float(power.mean())
 
 

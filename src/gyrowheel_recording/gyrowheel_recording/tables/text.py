@@ -59,7 +59,7 @@ _NOTHING: Final = frozenset(EMPTY)
 _ENCODINGS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 _CHINESE: Final = re.compile(rb"([\xb0-\xf7][\xa1-\xfe])+")  # characters of GB 2312 in its two bytes each
 _IN_A_WORD: Final = re.compile(rb"[a-z][\x80-\xff]+[a-z]")  # letters with accents, as of "Größe"
-_PAIRS: Final = 64  # bytes by which two a character are told from one
+_PAIRS: Final = 64  # first bytes, which show whether each character has two of them
 
 
 def unicode_of(data: bytes) -> str:
@@ -447,8 +447,9 @@ def needs_no_change(beginning: str, form: TextForm) -> bool:
 
 def has_empty_rows(data: bytes, form: TextForm) -> bool:
     """Whether a text has lines of delimiters alone."""
-    sign = re.escape(form.delimiter.encode())
-    return re.search(rb'(?:^|[\r\n])[ "]*' + sign + rb'[ "' + sign + rb"]*(?:[\r\n]|$)", data) is not None
+    sign = form.delimiter.encode()
+    found = re.finditer(rb'(?:^|[\r\n])([ "' + re.escape(sign) + rb"]+)(?=[\r\n]|$)", data)
+    return any(sign in own[1] for own in found)
 
 
 def plain_rows(data: bytes, form: TextForm) -> tuple[bytes, list[int], int]:

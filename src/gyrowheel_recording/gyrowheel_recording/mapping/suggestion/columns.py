@@ -164,7 +164,7 @@ def _unread(column: Column, what: Meaning, found: Mapping[str, Proposal]) -> lis
     cure = (
         "Write seconds from the beginning, or dates with times such as 2026-05-04T10:00:00.0005."
         if own == TIME
-        else "Write plain numbers in every row, digits with one decimal sign; leave a cell empty where there is none."
+        else "Write plain numbers in every row, digits with one decimal sign; leave the cell of a missing value empty."
     )
     return [Problem(f"column '{column.name}' holds text, such as '{text[:24]}' in row {row}{named}.", cure)]
 
