@@ -453,10 +453,14 @@ def test_progress_takes_neither_focus_nor_typed_text(wheel: Wheel, monkeypatch: 
             page.goto(server.url)
             press(page.locator("button[data-key='0/drag']", has_text="fit"))
             expect(page.locator("#tabs button")).to_have_count(1)
-            page.locator("#save-name").fill("mine.yaml")
-            page.locator("#steps [data-step=what]").click()
-            press(page.locator("button[data-do=compare]"))
+            other = browser.new_page()
+            other.goto(server.url)
+            page.locator("#save-name").select_text()
+            other.locator("#steps [data-step=what]").click()
+            press(other.locator("button[data-do=compare]"))
             expect(page.locator("#job")).to_contain_text("step ")
+            expect(page.locator("form[data-do=save] button")).to_be_disabled()
+            page.keyboard.type("mine.yaml")  # in place of what is selected, in a field that was written again
             press(page.locator("#job button"))  # found with Tab, though the line changes all along
             expect(page.locator("#trouble")).to_have_text("ended")
             expect(page.locator("#save-name")).to_have_value("mine.yaml")

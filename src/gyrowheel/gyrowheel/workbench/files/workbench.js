@@ -101,6 +101,7 @@ function writeParts() {
     const place = at(`part-${name}`);
     const active = document.activeElement;
     const focus = place.contains(active) ? mark(active) : active === document.body ? waiting[name] : null;
+    const range = focus && active.selectionStart != null ? [active.selectionStart, active.selectionEnd] : null;
     const open = [...place.querySelectorAll("details")].map((d) => d.open);
     const typed = [...place.querySelectorAll("[data-keep]")].map(({ id, value, dataset }) => [id, dataset.keep, value]);
     const said = new Map([...place.querySelectorAll("[data-trouble]")].map((own) => [own.dataset.trouble, own]));
@@ -118,6 +119,7 @@ function writeParts() {
     }
     const target = focus && place.querySelector(focus);
     target?.focus({ preventScroll: true });
+    if (range) target?.setSelectionRange?.(...range); // what is typed next goes where it would have gone
     waiting[name] = target?.disabled ? focus : null;
     shown[name] = html;
   }
