@@ -132,8 +132,8 @@ def signature(effect: Effect, bench: Bench) -> Signature | None:
         rows = (*found.by_speed, *found.by_tilt)
         if any(float(np.abs(row.values).max()) > nothing[row.unit] for row in rows):
             slow = _signature(effect, bench, state, low + 0.2 * (reference - low))
-            much = float(np.abs(slow.torques).max()) > 1.5 * float(np.abs(found.torques).max())
-            return slow if much else found
+            fast = max(float(np.abs(found.torques).max()), nothing["N·m"])
+            return slow if float(np.abs(slow.torques).max()) > 1.5 * fast else found
     return None
 
 

@@ -141,6 +141,7 @@ class Law:
         for name in ("z", "z_rate"):
             given[name.replace("z", "zx")] = complex(q[name]).real
             given[name.replace("z", "zy")] = complex(q[name]).imag
+        given |= {"Vx": q["V_coil"].real, "Vy": q["V_coil"].imag}
         given |= {place.name: around[place] for place in Surroundings}
         instant = Instant(*(given[name] for name in Instant._fields))
         outputs: dict[str, complex] = {}
@@ -232,6 +233,7 @@ INSTANT = st.fixed_dictionaries(
         "T_motor": number(285.0, 320.0),
         "rho": number(0.2, 1.4),
         "i_motor": number(-3.0, 3.0),
+        "V_coil": st.builds(complex, number(-8.0, 8.0), number(-8.0, 8.0)),
         "rig": st.sampled_from(RIGS),
         "t": number(0.0, 300.0),
     }
@@ -391,13 +393,14 @@ def has_fixed_direction(effect: Effect) -> bool:
     q: dict[str, Any] = {
         "z": 0.05 + 0.02j, "z_rate": 0.3 - 0.4j, "Omega": 300.0, "theta_x": 0.02, "theta_y": -0.03, "theta_z": 0.4,
         "theta_x_rate": 3.0, "theta_y_rate": -2.0, "T_coil": 310.0, "T_air": 293.0, "T_winding": 320.0,
-        "T_motor": 300.0, "rho": 1.0, "i_motor": 0.4, "rig": "x_up", "t": 3.0,
+        "T_motor": 300.0, "rho": 1.0, "i_motor": 0.4, "V_coil": 3.0 - 2.0j, "rig": "x_up", "t": 3.0,
     }  # fmt: skip
     values, turn = effect.defaults(), np.exp(0.7j)
     after = {
         **q,
         "z": q["z"] * turn,
         "z_rate": q["z_rate"] * turn,
+        "V_coil": q["V_coil"] * turn,
         "theta_z": q["theta_z"] + 0.7,
         "turn": turn,
     }

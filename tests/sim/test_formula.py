@@ -281,7 +281,7 @@ def test_real_and_imaginary_part_are_those_of_the_formula(text: str) -> None:
         "rho": 1.1,
     }
     values |= {"rho_ref": 1.2, "t": 3.0, "theta": 0.03, "T_coil": 310.0, "up": -1.0, "z_ref": 0.05}
-    components = {"zx": 0.02, "zy": -0.03, "zx_rate": 0.4, "zy_rate": 0.1}
+    components = {"Vx": 3.0, "Vy": -2.0, "zx": 0.02, "zy": -0.03, "zx_rate": 0.4, "zy_rate": 0.1}
     components |= {"up_x": 0.6, "up_y": -0.8, "home_xx": 0.8, "home_xy": 0.1, "home_yx": -0.2, "home_yy": 0.9}
     assert {s.name for pair in COMPONENTS.values() for s in pair} == set(components)
     expression = attempt(text)

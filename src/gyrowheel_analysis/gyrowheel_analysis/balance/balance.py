@@ -35,6 +35,7 @@ from gyrowheel_analysis.balance.torques import (
     Torques,
     bench_torques,
     depend_on_motor_temperature,
+    depends_on_coil_voltage,
     difference,
     evaluated,
     law_torques,
@@ -367,7 +368,7 @@ class Balance:
         computed again.
         """
         targets = {law.target for law in effect.laws}
-        if targets & OF_MOTION:
+        if targets & OF_MOTION or at.by_voltage or depends_on_coil_voltage(effect):
             return None
         new, old = (
             {}
@@ -404,7 +405,7 @@ class Balance:
         parameters change the motion itself, so that the state must be computed again.
         """
         by = {name: after[name] - value for name, value in before.items() if after[name] != value}
-        if not by.keys() <= _QUICK:
+        if at.by_voltage or not by.keys() <= _QUICK:
             return None
         if by.keys() & set(INSTRUMENT_PARAMETERS):
             other = self._read_by(at, Instruments.of(after, at.laws), after)

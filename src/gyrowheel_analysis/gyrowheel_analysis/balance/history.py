@@ -50,14 +50,14 @@ _UNSETTLED = 3.0  # noise variances that motion leaves in a block, beyond which 
 _SMOOTH, _AROUND = 3.0, 40  # samples: of a Gaussian that smooths readings between windows, and of local means
 #: Deviation of the rate of smoothed readings, for unit noise and unit step.
 _SMOOTHED = (4.0 * math.sqrt(math.pi) * _SMOOTH**3) ** -0.5
-_SLOW = ("T_coil", "T_air", "T_winding", "T_motor", "rho", "i_motor")
+_SLOW = ("T_coil", "T_air", "T_winding", "T_motor", "rho", "i_motor", "Vx", "Vy")
 
 
 @dataclass(frozen=True)
 class Course:
     """The motion of a recording at equal intervals.
 
-    `points` (n, 6) has tilt and its rate (x, y each), spin angle and spin rate; `slow` (m, 13) the slow quantities of
+    `points` (n, 6) has tilt and its rate (x, y each), spin angle and spin rate; `slow` (m, 15) the slow quantities of
     the laws, a row for every `per_row` points; `start` and `step` are in seconds.
     """
 
@@ -379,6 +379,7 @@ def _slow(w: Windows, bench: Bench, data: Samples | None, between: tuple[float, 
     columns: dict[str, Array] = {name: np.full(len(time), bench.value(own)) for name, own in still.items()}
     columns["T_motor"] = columns["T_air"]
     pressure, current = np.full(len(time), bench.value("air_pressure")), np.zeros(len(time))
+    coils = dict.fromkeys(("Vx", "Vy"), current)
     if data is not None:
         block = np.clip(((data.time - begin) / row).astype(np.int64), 0, len(time) - 1)
         number = np.bincount(block, minlength=len(time))
@@ -390,6 +391,8 @@ def _slow(w: Windows, bench: Bench, data: Samples | None, between: tuple[float, 
 
         columns["T_coil"], columns["T_air"] = averaged("coil_temperature"), averaged("air_temperature")
         pressure, current = averaged("air_pressure"), averaged("motor_current")
+        # voltages that were never taken count as none
+        coils = {name: np.nan_to_num(averaged(f"coil_voltage_{name[-1]}")) for name in coils}
         when, warm, _ = motor_temperatures(data, bench)
         columns["T_winding"], columns["T_motor"] = (np.interp(time, when, warm[:, k]) for k in (0, 1))
     elif len(w):
@@ -397,8 +400,10 @@ def _slow(w: Windows, bench: Bench, data: Samples | None, between: tuple[float, 
         shown |= {"T_winding": w.motor_temperatures[:, 0], "T_motor": w.motor_temperatures[:, 1]}
         columns |= {name: np.interp(time, w.middle, values) for name, values in shown.items()}
         pressure, current = (np.interp(time, w.middle, own) for own in (w.air_pressure, w.motor_current))
+        means = {"Vx": w.coil_voltage.real, "Vy": w.coil_voltage.imag}
+        coils = {name: np.interp(time, w.middle, values) for name, values in means.items()}
     columns["rho"] = np.maximum(pressure, 0.0) / (bench.value("gas_constant") * columns["T_air"])
-    columns["i_motor"] = current
+    columns |= {"i_motor": current, **coils}
     return np.column_stack([*(columns[name] for name in _SLOW), _attitude(w, data, time)])
 
 

@@ -37,8 +37,9 @@ def instant_of_course(course: Any, slow: Any, k: int, row: int, start: float, h:
     return Instant(
         zx=zx, zy=zy, zx_rate=zx_rate, zy_rate=zy_rate, theta_z=angle, Omega=Omega,
         theta_x=theta_x, theta_y=theta_y, theta_x_rate=wx, theta_y_rate=wy,
-        T_coil=v[0], T_air=v[1], T_winding=v[2], T_motor=v[3], rho=v[4], i_motor=v[5], t=start + k * h,
-        up=v[6], up_x=v[7], up_y=v[8], home_xx=v[9], home_xy=v[10], home_yx=v[11], home_yy=v[12],
+        T_coil=v[0], T_air=v[1], T_winding=v[2], T_motor=v[3], rho=v[4], i_motor=v[5], Vx=v[6], Vy=v[7],
+        t=start + k * h, up=v[8], up_x=v[9], up_y=v[10],
+        home_xx=v[11], home_xy=v[12], home_yx=v[13], home_yy=v[14],
     )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.motion import ACROSS, WEIGHTS, amplitude, mean
-from gyrowheel_analysis.balance.torques import Instants
+from gyrowheel_analysis.balance.torques import Instants, coil_voltages
 from gyrowheel_analysis.channels import Channel, Quantity
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
@@ -78,14 +78,7 @@ class _Predicted:
     @cached_property
     def coil(self) -> Any:
         """Voltages of the coils, times the constant of the model's bench [N m]."""
-        laws, values = self.at.laws, self.values
-        gain = added(laws, values, "relative", "coil_constant", start=1.0)
-        constant = added(laws, values, "offset", "coil_constant", start=values["coil_constant"])
-        coil = self.at.coil / gain * (self.bench.value("coil_constant") / constant)
-        mirror = added(laws, values, "mirror")
-        if np.any(mirror):
-            coil = (coil - mirror * np.conj(coil)) / (1.0 - np.abs(mirror) ** 2)
-        return coil
+        return self.bench.value("coil_constant") * coil_voltages(self.at.coil, self.at.laws, self.values)
 
     @cached_property
     def lag(self) -> Any:

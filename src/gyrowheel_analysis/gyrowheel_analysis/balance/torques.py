@@ -6,6 +6,7 @@ The laws of the effects are summed target by target; the action of each target o
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -15,7 +16,7 @@ import numpy as np
 from gyrowheel_analysis.balance.motion import Motion
 from gyrowheel_sim.effects.declaration import Effect, Law
 from gyrowheel_sim.effects.law_code import array_law
-from gyrowheel_sim.effects.quantities import Omega, T_motor, T_winding, t, theta_z, z, z_rate
+from gyrowheel_sim.effects.quantities import Omega, T_motor, T_winding, V_coil, t, theta_z, z, z_rate
 from gyrowheel_sim.effects.targets import (
     INERTIAS,
     INSTRUMENT_PARAMETERS,
@@ -54,6 +55,8 @@ OF_MOTION = (
     READING | AHEAD | {t.name for t in TARGETS.values() for e in t.enters if e.of in TORQUE_PARAMETERS}
 )
 _WARM = frozenset((T_winding, T_motor))
+_VOLTS = 1e-6  # V, to which voltages of the coils settle that their own laws depend on
+_SETTLING = 20
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,23 @@ def replaced(laws: Laws, new: Laws, old: Laws) -> Laws:
 def depend_on_motor_temperature(effects: Iterable[ActiveEffect]) -> bool:
     """Whether a law of an effect depends on the temperature of the motor's winding or magnets."""
     return any(law.expression.free_symbols & _WARM for active in effects for law in active.effect.laws)
+
+
+@functools.cache
+def depends_on_coil_voltage(effect: Effect) -> bool:
+    """Whether a law of an effect depends on the voltages of the coils, which follow from the torques of all laws."""
+    return any(V_coil in law.expression.free_symbols for law in effect.laws)
+
+
+def coil_voltages(coil: Any, laws: Laws, values: Mapping[str, float]) -> Any:
+    """Return the voltages of the coils, x + i y [V], that give a torque `coil` [N m] with the laws on their gain."""
+    gain = added(laws, values, "relative", "coil_constant", start=1.0)
+    constant = added(laws, values, "offset", "coil_constant", start=values["coil_constant"])
+    volts = coil / (gain * constant)
+    mirror = added(laws, values, "mirror")
+    if np.any(mirror):
+        volts = (volts - mirror * np.conj(volts)) / (1.0 - np.abs(mirror) ** 2)
+    return volts
 
 
 #: Step of the derivatives of a reading's error [rad of the spin angle], and their five-point formulas.
@@ -210,7 +230,7 @@ class Instants:
     Arrays are (n, nodes, phases): the torques of the coils, complex, and of the motor [N m], the spin rate [rad/s], and
     the weights of a mean over time; `ripple` (n, harmonics, nodes) are the amplitudes of that of the spin rate [rad/s].
     `motion` is the true one; `laws` are those of the effects by target, and `quantities` theirs; `joint` has the angles
-    of the flexures, `axis` is the spin axis.
+    of the flexures, `axis` is the spin axis; `by_voltage` is whether a law depends on the voltages of the coils.
     """
 
     motion: Motion
@@ -223,6 +243,7 @@ class Instants:
     quantities: dict[str, Any]
     joint: Joint
     axis: SpinAxis
+    by_voltage: bool
 
 
 def required_torques(
@@ -260,24 +281,39 @@ def required_torques(
         theta_y_rate=points.theta_rate_y,
         inertial=(points.inertial_x, points.inertial_y, points.inertial_z),
     )
-    laws = {
-        **evaluated(effects, motion, q, AFTER, joint),
-        **ahead,
-        **evaluated(effects, motion, q, INSTRUMENT),
-    }
+    instrument = evaluated(effects, motion, q, INSTRUMENT)
+    q["V_coil"], by_voltage = 0.0j, any(depends_on_coil_voltage(active.effect) for active in effects)
+    for _ in range(_SETTLING if by_voltage else 1):
+        laws = {**evaluated(effects, motion, q, AFTER, joint), **ahead, **instrument}
+        coil, motor = _needed(motion, values, laws, rate, joint, axis, q["z"])
+        before, q["V_coil"] = q["V_coil"], coil_voltages(coil, laws, values)
+        if np.abs(q["V_coil"] - before).max(initial=0.0) < _VOLTS:
+            break
+    # a spin angle that passes quickly has a small share of the time
+    weights = motion.weights * motion.spin / rate
+    weights = weights / weights.sum(axis=(1, 2), keepdims=True)
+    return Instants(motion, ripple, coil, motor, rate, weights, laws, q, joint, axis, by_voltage)
+
+
+def _needed(
+    motion: Motion,
+    values: Mapping[str, float],
+    laws: Laws,
+    rate: Any,
+    joint: Joint,
+    axis: SpinAxis,
+    tilt: Any,
+) -> tuple[Any, Any]:
+    """Return the torques that coils (complex) and motor must give [N m]."""
     own = bench_torques({name: changed(laws, values, name) for name in TORQUE_PARAMETERS}, rate, joint)
     forces = _forces(
-        joint, axis, q["z"], added(laws, values, "across", start=own.across), added(laws, values, "along")
+        joint, axis, tilt, added(laws, values, "across", start=own.across), added(laws, values, "along")
     )
     by_laws = flexure_laws(laws)
     need_x = joint.inertial[0] - (own.flexures[0] + by_laws[0]) - forces[0]
     need_y = joint.inertial[1] - (own.flexures[1] + by_laws[1]) - forces[1]
     coil = motion.turn * (need_x + 1j * need_y / joint.cx)
-    motor = joint.inertial[2] - added(laws, values, "shaft", start=own.shaft) - forces[2]
-    # a spin angle that passes quickly has a small share of the time
-    weights = motion.weights * motion.spin / rate
-    weights = weights / weights.sum(axis=(1, 2), keepdims=True)
-    return Instants(motion, ripple, coil, motor, rate, weights, laws, q, joint, axis)
+    return coil, joint.inertial[2] - added(laws, values, "shaft", start=own.shaft) - forces[2]
 
 
 class Torques(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gyrowheel_sim.effects.quantities import home_x, home_y, up_across, z, z_rate
+from gyrowheel_sim.effects.quantities import V_coil, home_x, home_y, up_across, z, z_rate
 
 #: The real symbols that stand for the two components of the complex quantities.
 COMPONENTS: dict[sp.Symbol, tuple[sp.Symbol, sp.Symbol]] = {
@@ -12,6 +12,7 @@ COMPONENTS: dict[sp.Symbol, tuple[sp.Symbol, sp.Symbol]] = {
     for symbol, x, y in (
         (z, "zx", "zy"),
         (z_rate, "zx_rate", "zy_rate"),
+        (V_coil, "Vx", "Vy"),
         (up_across, "up_x", "up_y"),
         (home_x, "home_xx", "home_xy"),
         (home_y, "home_yx", "home_yy"),

@@ -13,7 +13,7 @@ import sympy as sp
 from sympy.core.sorting import default_sort_key
 
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.effects.complex_parts import ComplexArgumentError, Parts, is_real
+from gyrowheel_sim.effects.complex_parts import COMPONENTS, ComplexArgumentError, Parts, is_real
 from gyrowheel_sim.effects.grammar import (
     COMPLEX_FUNCTIONS,
     FUNCTIONS,
@@ -234,7 +234,7 @@ def _settled(expression: sp.Expr, names: frozenset[str], two: frozenset[str]) ->
     return expression
 
 
-_COMPLEX_NAMES = ("z", "z_rate", "i")
+_COMPLEX_NAMES = (*(symbol.name for symbol in COMPONENTS), "i")
 
 
 def _size(node: Node, two: Collection[str]) -> tuple[int, bool]:

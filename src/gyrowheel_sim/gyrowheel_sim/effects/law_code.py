@@ -30,7 +30,7 @@ from gyrowheel_sim.instruments.readings import Reading
 Instant = namedtuple(
     "Instant",
     "zx zy zx_rate zy_rate theta_z Omega theta_x theta_y theta_x_rate theta_y_rate "
-    "T_coil T_air T_winding T_motor rho i_motor t up up_x up_y home_xx home_xy home_yx home_yy",
+    "T_coil T_air T_winding T_motor rho i_motor Vx Vy t up up_x up_y home_xx home_xy home_yx home_yy",
 )
 #: What all laws together do to the motion, besides changes of bench parameters: torques on the rotor across its spin
 #: axis (case axes) and along it, on the motor shaft, of the flexures [N m]; rate of the case [rad/s]; mirrored part of

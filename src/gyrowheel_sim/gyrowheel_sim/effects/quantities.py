@@ -35,6 +35,7 @@ QUANTITIES: dict[str, Quantity] = {
         _real("theta_rate", "rad/s", "rate of a flexure"),
         _real("axis", "1", "+1 for the inner flexure, -1 for the outer one"),
         _real("i_motor", "A", "current of the motor at the last sample"),
+        Quantity(sp.Symbol("V_coil", complex=True), "V", "voltages of the coils, x + i y in case axes"),
         _real("T_coil", "K", "temperature of the torque coils", positive=True),
         _real(
             "T_winding", "K", "temperature of the motor's winding, computed from its current", positive=True
@@ -64,6 +65,7 @@ z, z_rate = QUANTITIES["z"].symbol, QUANTITIES["z_rate"].symbol
 Omega, Omega_ref = QUANTITIES["Omega"].symbol, QUANTITIES["Omega_ref"].symbol
 theta, theta_rate = QUANTITIES["theta"].symbol, QUANTITIES["theta_rate"].symbol
 theta_z, axis, i_motor = QUANTITIES["theta_z"].symbol, QUANTITIES["axis"].symbol, QUANTITIES["i_motor"].symbol
+V_coil = QUANTITIES["V_coil"].symbol
 T_winding, T_motor = QUANTITIES["T_winding"].symbol, QUANTITIES["T_motor"].symbol
 T_coil, T_air, T_ref = QUANTITIES["T_coil"].symbol, QUANTITIES["T_air"].symbol, QUANTITIES["T_ref"].symbol
 rho, rho_ref = QUANTITIES["rho"].symbol, QUANTITIES["rho_ref"].symbol

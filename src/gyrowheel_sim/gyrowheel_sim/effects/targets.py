@@ -114,6 +114,12 @@ class LawTarget:
         return any(entry.place == "flexure" for entry in self.enters)
 
     @property
+    def slow(self) -> bool:
+        """Whether it changes the mechanics or an instrument, so that its laws cannot follow tilt and coil voltages."""
+        changed = (*INERTIAS, *INSTRUMENT_PARAMETERS)
+        return any(entry.place == "case_rate" or entry.of in changed for entry in self.enters)
+
+    @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs of the compiled laws."""
         return (f"{self.name}_x", f"{self.name}_y") if self.complex or self.each_flexure else (self.name,)

@@ -18,13 +18,14 @@ from gyrowheel_sim.effects.targets import TARGETS
 _SPEEDS = np.linspace(105.0, 420.0, 64)
 _AT_REST: dict[str, Any] = {
     "z": 0j, "z_rate": 0j, "Omega": _SPEEDS, "theta_z": 0.0, "theta": 0.0, "theta_rate": 0.0, "axis": 1.0,
-    "i_motor": 0.05, "T_coil": 295.0, "T_air": 295.0, "T_winding": 295.0, "T_motor": 295.0, "rho": 1.2,
+    "i_motor": 0.05, "V_coil": 0j, "T_coil": 295.0, "T_air": 295.0, "T_winding": 295.0, "T_motor": 295.0, "rho": 1.2,
     "up": 1.0, "up_across": 0j, "home_x": 1.0 + 0j, "home_y": 1j, "t": 0.0,
     "Omega_ref": 366.5, "rho_ref": 1.2, "T_ref": 295.0, "z_ref": 0.05, "N_ripple": 6.0,
 }  # fmt: skip
 _TILTED = _AT_REST | {
     "z": 0.04 + 0.03j, "z_rate": 0.1 - 0.2j, "theta_z": 0.7, "theta": 0.05, "theta_rate": 15.0, "axis": -1.0,
-    "i_motor": -0.3, "T_coil": 315.0, "T_air": 296.0, "T_winding": 325.0, "T_motor": 300.0, "rho": 1.0,
+    "i_motor": -0.3, "V_coil": 3.0 - 2.0j, "T_coil": 315.0, "T_air": 296.0, "T_winding": 325.0,
+    "T_motor": 300.0, "rho": 1.0,
     "up": -1.0, "up_across": 0.6 - 0.8j, "home_x": 0.8 + 0j, "home_y": -0.6j, "t": 60.0,
 }  # fmt: skip
 #: A state that follows in less than a sample cannot be integrated from samples [s].
@@ -137,8 +138,9 @@ def _moved(time: float) -> dict[str, Any]:
     tilt = 0.04 + 0.03j
     turn = _TILTED["Omega_ref"] * time
     return {
-        "z": tilt * part, "z_rate": tilt * rate, "t": time, "theta_z": turn % (2.0 * np.pi),
-        "theta": 0.05 * part * np.cos(turn), "theta_rate": -0.05 * part * _TILTED["Omega_ref"] * np.sin(turn),
+        "z": tilt * part, "z_rate": tilt * rate, "V_coil": part * _TILTED["V_coil"], "t": time,
+        "theta_z": turn % (2.0 * np.pi), "theta": 0.05 * part * np.cos(turn),
+        "theta_rate": -0.05 * part * _TILTED["Omega_ref"] * np.sin(turn),
     }  # fmt: skip
 
 

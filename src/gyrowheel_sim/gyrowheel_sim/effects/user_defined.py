@@ -27,13 +27,14 @@ from gyrowheel_sim.effects.dimensions import MissingUnitError, Unit, check_unit
 from gyrowheel_sim.effects.formula import Formula, read, to_text
 from gyrowheel_sim.effects.grammar import NAME, RESERVED, one_line, shortened
 from gyrowheel_sim.effects.memory import Memory
-from gyrowheel_sim.effects.quantities import theta, theta_rate
+from gyrowheel_sim.effects.quantities import V_coil, theta, theta_rate, z, z_rate
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.torque_map import TorqueMap, map_from_mapping, map_to_mapping
 from gyrowheel_sim.effects.trial import require_finite, sized
 
 #: Names that a law may have in a declaration, and the targets that they mean.
 LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}
+_FAST = frozenset({z, z_rate, V_coil})
 _LONGEST_TEXT = 300
 _MOST_COEFFICIENTS = 12
 _MOST_STATES = 4
@@ -335,6 +336,10 @@ def _check_target(formula: Formula, target: str) -> None:
     node, expression = formula.node, formula.expression
     if not TARGETS[target].each_flexure and expression.free_symbols & {theta, theta_rate}:
         raise formula.error(node, "theta and theta_rate belong to a flexure: only flexure_torque has them")
+    own = TARGETS[target]
+    refused = _FAST if own.slow else frozenset({V_coil} if own.changes("reading") else ())
+    if used := sorted(symbol.name for symbol in expression.free_symbols & refused):
+        raise formula.error(node, f"{target} cannot depend on {used[0]}")
     if not formula.real and not TARGETS[target].complex:
         raise formula.error(node, f"{target} is real, but the formula is complex: use abs, re or im")
 

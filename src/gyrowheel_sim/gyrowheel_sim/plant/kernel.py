@@ -66,13 +66,14 @@ TABLE_TIME = 0.05  # s
 def instant_of(
     p: Any, env: Any, s: Any, t: float, rho: float, zx: float, zy: float, zx_rate: float, zy_rate: float,
     angle: float, Omega: float, theta_x: float, theta_y: float, wx: float, wy: float, current: float,
+    vx: float, vy: float,
 ) -> Instant:  # fmt: skip
     """Return the inputs of the laws: the motion from the arguments, the rest from state and surroundings."""
     return Instant(
         zx=zx, zy=zy, zx_rate=zx_rate, zy_rate=zy_rate, theta_z=angle, Omega=Omega,
         theta_x=theta_x, theta_y=theta_y, theta_x_rate=wx, theta_y_rate=wy,
         T_coil=s[State.coil_temperature], T_air=p.air_temperature, T_winding=s[State.winding_temperature],
-        T_motor=s[State.motor_temperature], rho=rho, i_motor=current, t=t,
+        T_motor=s[State.motor_temperature], rho=rho, i_motor=current, Vx=vx, Vy=vy, t=t,
         up=env[Surroundings.up], up_x=env[Surroundings.up_x], up_y=env[Surroundings.up_y],
         home_xx=env[Surroundings.home_xx], home_xy=env[Surroundings.home_xy],
         home_yx=env[Surroundings.home_yx], home_yy=env[Surroundings.home_yy],
@@ -101,7 +102,8 @@ def plant_rates(
     theta_x = math.asin(sx)
     theta_y = math.asin(sy)
     at = instant_of(
-        p, env, s, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, theta_x, theta_y, wx, wy, s[State.motor_current]
+        p, env, s, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, theta_x, theta_y, wx, wy,
+        s[State.motor_current], vx, vy,
     )  # fmt: skip
     laws = evaluate_laws(coef, active, s, at)
     act = acting(laws)
@@ -164,7 +166,7 @@ def instant_now(p: Any, env: Any, state: Any, t: float, rho: float) -> Any:
     sx, _, sy, _, wx, wy = case_to_joint(nx, ny, ux, uy, math.sin(angle), math.cos(angle), Omega)
     return instant_of(
         p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, math.asin(sx), math.asin(sy), wx, wy,
-        state[State.motor_current],
+        state[State.motor_current], state[State.coil_x], state[State.coil_y],
     )  # fmt: skip
 
 
@@ -336,8 +338,9 @@ def tilt_at(
     angle, Omega = angle_at(q, state, age)
     zx, zy, zx_rate, zy_rate = tilt_of(nx, ny, ux, uy)
     at = instant_of(
-        p, env, state, t - age * h, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current
-    )
+        p, env, state, t - age * h, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current,
+        state[State.coil_x], state[State.coil_y],
+    )  # fmt: skip
     error = reading_errors(evaluate_samples(coef, active, state, at))
     return sensed_tilt(q, zx, zy, error.tilt_x, error.tilt_y)
 
@@ -422,13 +425,14 @@ def plant_measure(
     # the laws at an instant know the current of the sample before, those evaluated once a sample its own
     at = instant_of(
         p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0,
-        state[State.motor_current],
+        state[State.motor_current], state[State.coil_x], state[State.coil_y],
     )  # fmt: skip
     m = changed(p, evaluate_laws(coef, active, state, at), state)
     current = (vm - m.motor_constant * Omega) / m.motor_resistance
     at = instant_of(
-        p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current
-    )
+        p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current,
+        state[State.coil_x], state[State.coil_y],
+    )  # fmt: skip
     laws = evaluate_samples(coef, active, state, at)
     hold_samples(state, laws)
     state[State.motor_current] = current
