@@ -21,10 +21,11 @@ from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
 from gyrowheel_analysis.diagnosis.selection import select
 from gyrowheel_analysis.fitting.events import QUANTITIES, Event
-from gyrowheel_analysis.fitting.preparation import one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import draw

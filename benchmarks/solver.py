@@ -16,12 +16,13 @@ from benchmarks.results import Bar, Figure, Report
 from benchmarks.timing import by_turns
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.prediction import Prediction
-from gyrowheel_analysis.fitting.preparation import one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.fitting.solver import Evaluated, Objective
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import draw_machine

@@ -27,8 +27,9 @@ from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import Term
-from gyrowheel_analysis.fitting.preparation import one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.model import Model
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 

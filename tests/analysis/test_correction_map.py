@@ -14,10 +14,11 @@ import pytest
 import gyrowheel as gw
 from gyrowheel_analysis.diagnosis.map_choice import best_map
 from gyrowheel_analysis.diagnosis.map_fit import MapFit
-from gyrowheel_analysis.fitting.preparation import Prepared, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Prepared, prepare
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench

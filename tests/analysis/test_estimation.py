@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 import gyrowheel as gw
 from gyrowheel.models.estimation import Fit
-from gyrowheel_analysis.fitting.preparation import one_thread
+from gyrowheel_core.arrays import one_thread
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,9 @@ from scipy.signal import lfilter
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.event_search import find, search_events
-from gyrowheel_analysis.fitting.preparation import one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.model import Model
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.units import RPM
 from gyrowheel_sim import blind
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law

@@ -11,9 +11,10 @@ import gyrowheel as gw
 from gyrowheel_analysis.diagnosis import uncertainty
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts
 from gyrowheel_analysis.fitting.fit import Fit
-from gyrowheel_analysis.fitting.preparation import one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
+from gyrowheel_core.arrays import one_thread
 
 Array = np.ndarray
 

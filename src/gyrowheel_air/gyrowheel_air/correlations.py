@@ -22,7 +22,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from gyrowheel_air.geometry import Geometry
 from gyrowheel_air.torque import AirState, AirTorque, check_speed, reynolds_number, split_tilt, tilt_axes
@@ -90,6 +89,7 @@ def disc_boundary(first: str, second: str, gap_ratio: float) -> float:
 
     That is where one ends and the other begins: each curve is the larger one on its side.
     """
+    from scipy.optimize import brentq  # takes long to load
 
     def difference(log_re: float) -> float:
         re = math.exp(log_re)
@@ -124,6 +124,8 @@ def cylinder_coefficient(kind: str, gap_reynolds: float, gap_ratio: float) -> fl
     if kind == "wendt":
         return _wendt(gap_reynolds, gap_ratio)
     if kind == "vrancik":
+        from scipy.optimize import brentq
+
         # 1/sqrt(Cd) = 2.04 + 1.768 ln(Re_g sqrt(Cd)), and C = 2 Cd here; T = Cd pi rho Omega^2 R^4 L
         log_cd = brentq(
             lambda x: math.exp(-0.5 * x) - 2.04 - 1.768 * math.log(gap_reynolds * math.exp(0.5 * x)),

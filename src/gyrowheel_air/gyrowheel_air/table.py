@@ -10,11 +10,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import RegularGridInterpolator
 
 from gyrowheel_air.cfd.case import Case, Result
 from gyrowheel_air.geometry import LENGTHS, Geometry
@@ -30,6 +29,9 @@ from gyrowheel_air.torque import (
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import is_file, read_text, write_text
 from gyrowheel_core.units import DEG, RPM
+
+if TYPE_CHECKING:
+    from scipy.interpolate import RegularGridInterpolator
 
 Array = NDArray[np.float64]
 SCHEMA = 1
@@ -322,6 +324,8 @@ class Table:
         return self._interpolator("scatter", odd=False)
 
     def _interpolator(self, quantity: str, *, odd: bool) -> RegularGridInterpolator:
+        from scipy.interpolate import RegularGridInterpolator  # takes long to load
+
         table = self.table
         size = table.air.density * table.lengths["rotor_radius"] ** 5
         values = np.array(

@@ -19,10 +19,11 @@ from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import prove
 from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Term, Unknowns
-from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.residuals.error_table import ErrorTable, Residuals, errors_of
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry

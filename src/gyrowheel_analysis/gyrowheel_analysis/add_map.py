@@ -13,8 +13,9 @@ from gyrowheel_analysis.diagnosis.diagnose import estimates
 from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.events import as_events, unused_events
 from gyrowheel_analysis.diagnosis.explanation import explained
-from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.model import Model
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 

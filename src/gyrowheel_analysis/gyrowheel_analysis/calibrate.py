@@ -18,16 +18,16 @@ from datetime import UTC, datetime
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import minimize_scalar
 
 from gyrowheel_analysis.criteria import CALIBRATION_CHI2, CALIBRATION_ERROR
 from gyrowheel_analysis.diagnosis.diagnose import nuisance_estimates
 from gyrowheel_analysis.fitting.fit import Fit
-from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_analysis.residuals.error_table import channel_parts
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
@@ -254,6 +254,8 @@ def _motor(recordings: Sequence[Windows], bench: Bench) -> tuple[Override, Overr
         )
 
     low, high = 0.2 * usual, 3.0 * usual
+    from scipy.optimize import minimize_scalar  # takes long to load
+
     resistance = float(minimize_scalar(lambda r: best(r)[0], bounds=(low, high), method="bounded").x)
     step = 0.01 * usual
     at, up, down = (best(resistance + change) for change in (0.0, step, -step))

@@ -18,7 +18,7 @@ from gyrowheel_analysis.diagnosis.estimates import Misstated
 from gyrowheel_analysis.diagnosis.events import with_sizes
 from gyrowheel_analysis.diagnosis.explanation import explained, unexplained
 from gyrowheel_analysis.fitting.fit import Fit
-from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Prepared, Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
@@ -43,6 +43,7 @@ from gyrowheel_analysis.residuals.error_table import (
     window_residuals,
 )
 from gyrowheel_analysis.residuals.maps import Region, ResidualMap, all_maps, regions
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording
 
 Array = NDArray[np.float64]

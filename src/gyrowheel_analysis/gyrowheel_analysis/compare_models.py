@@ -16,10 +16,11 @@ from gyrowheel_analysis.diagnosis.experiment_design import Planner
 from gyrowheel_analysis.diagnosis.findings import NextTest
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.fitting.fit import Fit, Term
-from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.residuals.error_table import error_row
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 

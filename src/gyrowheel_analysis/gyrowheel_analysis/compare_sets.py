@@ -19,9 +19,10 @@ from gyrowheel_analysis.criteria import CHANGED_CHANCE, CHI2_RANGE, MOST_CHANGES
 from gyrowheel_analysis.diagnosis.proof import spread_of
 from gyrowheel_analysis.diagnosis.selection import expected_chi2
 from gyrowheel_analysis.fitting.fit import Point, Term
-from gyrowheel_analysis.fitting.preparation import Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
 from gyrowheel_analysis.fitting.noise import Noise
-from gyrowheel_analysis.fitting.preparation import one_thread, require_one_bench, samples_of
+from gyrowheel_analysis.fitting.preparation import require_one_bench, samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_analysis.reduction.windows import Windows, concatenate
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry

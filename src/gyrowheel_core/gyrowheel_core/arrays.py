@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import threadpool_limits
 
 _T = TypeVar("_T")
 
@@ -41,6 +43,13 @@ def by_blocks(count: int, work: Callable[[int, int], _T], rows: int = ROWS) -> l
         return list(pool.map(work, firsts, lasts))
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep linear algebra on one thread: the matrices are small, and threads would only wait for each other."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
 def everywhere(
     memory: memoryview | npt.NDArray[np.uint8], dtype: np.dtype[Any], *, writeable: bool = False
 ) -> npt.NDArray[Any]:
@@ -61,6 +70,17 @@ def gathered(memory: memoryview, places: npt.NDArray[np.int64], dtype: np.dtype[
         return np.empty(0, dtype)
     # as plain bytes, which numpy copies at once
     return everywhere(memory, np.dtype(f"V{dtype.itemsize}"))[places].view(dtype)
+
+
+def running_mean(
+    values: npt.NDArray[np.float64], size: int, beyond: Literal["edge", "symmetric"]
+) -> npt.NDArray[np.float64]:
+    """Return the mean of `size` values (n,) around each; beyond an end the last is repeated, or all are mirrored."""
+    before = size // 2
+    total = np.pad(values, (before + 1, size - before - 1), beyond)
+    total[0] = 0.0
+    np.cumsum(total, out=total)
+    return np.asarray((total[size:] - total[:-size]) / size)
 
 
 def picked(rows: npt.NDArray[Any], which: npt.NDArray[Any]) -> npt.NDArray[Any]:

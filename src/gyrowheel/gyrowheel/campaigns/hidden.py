@@ -34,13 +34,13 @@ from gyrowheel_analysis.diagnosis.channel_checks import places_of
 from gyrowheel_analysis.diagnosis.event_scan import places, price
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import ERRORS, Term, Unknowns, candidate_terms, parameter_errors
-from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import Readings
 from gyrowheel_recording.bags import write_run

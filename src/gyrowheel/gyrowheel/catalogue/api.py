@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from gyrowheel.catalogue.plan_check import CheckedPlan, check_text
 from gyrowheel.show.result import Result
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -257,7 +258,6 @@ def _write_new(file: Path, text: Callable[[], str]) -> None:
 def reach(bench: str | Path | Bench = "gyrowheel") -> Reach:
     """Return the capability of a bench: speeds, tilts and rates that its coils and its motor can reach."""
     from gyrowheel_analysis.capability import reach as reach_of
-    from gyrowheel_analysis.fitting.preparation import one_thread
 
     with one_thread():
         return reach_of(load_bench(bench))

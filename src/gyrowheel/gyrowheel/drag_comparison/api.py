@@ -13,8 +13,9 @@ from gyrowheel.recordings.inputs import Recordings, of_one_machine
 from gyrowheel.show.result import Result
 from gyrowheel_analysis.drag.notch import notched
 from gyrowheel_analysis.drag.stream import DragTest, recorded_holds
-from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
+from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.reduction.quality import NEEDED
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from gyrowheel.paper_figures import equations, experiment, flow
 from gyrowheel.paper_figures.evidence import Evidence, JudgedPaper, Row, Statement
 from gyrowheel.recordings.inputs import Fraction
 from gyrowheel.show.result import Result
-from gyrowheel_analysis.fitting.preparation import one_thread
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import disk_errors, json_text, write_text
 

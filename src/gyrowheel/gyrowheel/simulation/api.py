@@ -13,12 +13,12 @@ from gyrowheel.recordings.api import Recording
 from gyrowheel.simulation.scenario import scenario, simulated_bench
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_analysis.drag.stream import drag_estimates
-from gyrowheel_analysis.fitting.preparation import one_thread
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.loops.closed_loop import Run
 from gyrowheel_control.loops.closed_loop import simulate as run_loop
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import new_directory, require_new
 from gyrowheel_core.readings import Readings

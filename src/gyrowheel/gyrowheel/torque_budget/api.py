@@ -13,12 +13,13 @@ import numpy as np
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.inputs import Fraction, Recordings, data, of_one_machine
 from gyrowheel.show.result import Result
-from gyrowheel_analysis.fitting.preparation import one_thread, samples_of
+from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import reduce
 from gyrowheel_analysis.torques import HoldTorques, hold_torques
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import Readings
 from gyrowheel_core.units import DEG, RPM

@@ -24,6 +24,7 @@ from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import readable
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, MEAN, Windows, attitude, without_noise
+from gyrowheel_core.arrays import running_mean
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.law_code import (
@@ -48,6 +49,7 @@ _SLOW_TERMS = 4  # of the slow motion in it
 _DOUBTFUL = 2.0  # deviations of its noise that a harmonic of a block loses
 _UNSETTLED = 3.0  # noise variances that motion leaves in a block, beyond which its harmonics are not taken
 _SMOOTH, _AROUND = 3.0, 40  # samples: of a Gaussian that smooths readings between windows, and of local means
+_REACH = 12  # samples of that Gaussian on each side
 #: Deviation of the rate of smoothed readings, for unit noise and unit step.
 _SMOOTHED = (4.0 * math.sqrt(math.pi) * _SMOOTH**3) ** -0.5
 _SLOW = ("T_coil", "T_air", "T_winding", "T_motor", "rho", "i_motor", "Vx", "Vy")
@@ -307,9 +309,6 @@ def _add_sudden(
 
     `noise` [rad/s] is that of each axis of the rate of smoothed readings, with what the rotor moves unseen.
     """
-    # takes long to load, and only laws with a memory need it
-    from scipy.ndimage import gaussian_filter1d, uniform_filter1d
-
     own, time = course.points[where], course.start + course.step * np.arange(where.start, where.stop)
     first, stop = np.searchsorted(data.time, (time[0], time[-1]))
     part = slice(max(first - 1, 0), stop + 1)
@@ -317,8 +316,12 @@ def _add_sudden(
         [np.interp(time, data.time[part], data.readings[name][part]) for name in ("tilt_x", "tilt_y")]
     )
     read = np.tan((read - [reading[0].real, reading[0].imag]) / reading[1])
-    left = gaussian_filter1d(read - own[:, :2], _SMOOTH, axis=0, order=1) / course.step
-    power = uniform_filter1d((left**2).sum(axis=1), _AROUND)
+    reach = np.arange(-_REACH, _REACH + 1)
+    gaussian = np.exp(-0.5 * (reach / _SMOOTH) ** 2)
+    slope = -reach / _SMOOTH**2 * gaussian / gaussian.sum()
+    ended = np.pad(read - own[:, :2], ((_REACH, _REACH), (0, 0)), "symmetric")
+    left = np.column_stack([np.convolve(axis, slope, "valid") for axis in ended.T]) / course.step
+    power = running_mean((left**2).sum(axis=1), _AROUND, "symmetric")
     kept = np.maximum(1.0 - _DOUBTFUL * 2.0 * noise**2 / np.maximum(power, 1e-30), 0.0)
     own[:, 2:4] += left * kept[:, None]
 

@@ -59,13 +59,14 @@ from gyrowheel_analysis.diagnosis.unknown import (
     with_exponents,
 )
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Prior, Term, without_prior
-from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.windows import concatenate
 from gyrowheel_analysis.residuals.error_table import errors_of, window_residuals
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.maps import regions
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_sim.bench import Bench

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
 
 from gyrowheel_analysis.criteria import STATED_RANGE
 from gyrowheel_analysis.fitting.fit import Fit
@@ -196,6 +195,8 @@ def _places(terms: Sequence[MapTerm], target: Target) -> NDArray[np.bool_]:
 
 def _smoothness(normal: _Normal, terms: Sequence[MapTerm]) -> dict[Target, Array]:
     """Return the likeliest magnitude and decays of the prior deviations, for every target of its own."""
+    from scipy.optimize import minimize  # takes long to load
+
     found: dict[Target, Array] = {}
     for target in TARGETS:
         chosen = _places(terms, target)

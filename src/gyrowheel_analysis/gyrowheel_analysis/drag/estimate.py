@@ -302,6 +302,7 @@ class DragEstimator:
         self._predictor = Predictor(model)
         self._state = np.full(4 * len(COLUMNS) + 1, math.nan)
         self._setpoints: deque[_Setpoint] = deque()
+        self._asked: tuple[float, ...] = ()  # content of the last one
         self._hold: _Hold | None = None
         self._spin_before: float | None = None
         self._batch = max(round(_BATCH / self._period), 1)
@@ -333,8 +334,14 @@ class DragEstimator:
             self._hold.environment = self._environment
 
     def setpoint(self, stamp_ns: int, segment: int, phase: int, values: Sequence[float]) -> None:
-        """Take a setpoint: tilt_x, tilt_y, their rates, spin rate and acceleration; stamps must ascend."""
-        self._setpoints.append(_Setpoint(stamp_ns, segment, phase, *values))
+        """Take a setpoint: tilt_x, tilt_y, their rates, spin rate and acceleration; stamps must ascend.
+
+        One that repeats the previous one changes nothing: a hold has one in every few samples.
+        """
+        content = segment, phase, *values
+        if content != self._asked:
+            self._setpoints.append(_Setpoint(stamp_ns, segment, phase, *values))
+            self._asked = content
 
     def add_block(self, stamps_ns: NDArray[np.int64], readings: Readings) -> list[Estimate]:
         """Take consecutive samples, stamped in ns, and return the estimates that they complete.
@@ -357,25 +364,28 @@ class DragEstimator:
         drafts: list[Draft] = []
         at = 0
         while at < len(stamps_ns):
-            # a setpoint that begins within the block splits it
-            stop = len(stamps_ns)
+            # a setpoint that begins within the block splits it, and so does an estimate that falls due
             if self._setpoints and self._setpoints[0].stamp_ns <= stamps_ns[at]:
                 drafts += self._take(self._setpoints.popleft())
                 continue
+            stop = len(stamps_ns)
             if self._setpoints:
-                stop = min(stop, int(np.searchsorted(stamps_ns, self._setpoints[0].stamp_ns)))
+                stop = int(np.searchsorted(stamps_ns, self._setpoints[0].stamp_ns))
             if self._hold is not None:
-                time = np.asarray(stamps_ns[at:stop] * 1e-9, dtype=np.float64)
-                keep = time >= self._hold.start
-                if keep.any():
-                    self._hold.add(time[keep], readings[at:stop][keep], filtered[at:stop][keep])
-                    if time[-1] >= self._hold.due:
-                        step = _SHARE * (self._hold.last - self._hold.first)
-                        self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
-                        if self._settled:
-                            self._shorten(self._hold)
-                        else:
-                            drafts += self._draft(self._hold, settled=False)
+                time = stamps_ns[at:stop] * 1e-9
+                first, due = np.searchsorted(time, (self._hold.start, self._hold.due)).tolist()
+                is_due = due < len(time)
+                stop = at + due + 1 if is_due else stop
+                part = slice(at + first, stop)
+                if part.start < stop:
+                    self._hold.add(time[first : stop - at], readings[part], filtered[part])
+                if is_due:
+                    step = _SHARE * (self._hold.last - self._hold.first)
+                    self._hold.due = self._hold.last + min(max(step, _UPDATE), _SELDOM)
+                    if self._settled:
+                        self._shorten(self._hold)
+                    else:
+                        drafts += self._draft(self._hold, settled=False)
             at = stop
         return drafts
 

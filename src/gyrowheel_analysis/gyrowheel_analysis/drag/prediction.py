@@ -87,7 +87,7 @@ class Predictor:
 
     def windows(self, samples: Samples) -> Windows:
         """Return the windows of some samples of a hold."""
-        return reduce(samples, self._bench)
+        return reduce(samples, self._bench, weighed=False)
 
     def of(self, parts: Sequence[Windows]) -> list[HoldPrediction]:
         """Return the prediction for each of some sets of windows; for all of them it costs little more than for one."""

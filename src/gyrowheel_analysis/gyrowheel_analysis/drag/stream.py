@@ -26,6 +26,8 @@ from gyrowheel_sim.environment import Environment
 
 #: Samples that are passed on together: estimates are rare, and a block costs little more than a sample.
 BLOCK: Final = 100
+#: The same of a finished run.
+RUN_BLOCK: Final = 1 << 14
 #: Estimates of a finished run that one prediction serves.
 TOGETHER: Final = 256
 #: Most samples that wait for the setpoint after them: beyond it none is expected.
@@ -90,8 +92,8 @@ def drag_estimates(
     waiting: list[Draft] = []
     asked = setpoints[["stamp_ns", "segment", "phase", *wire.SETPOINT.fields]]
     passed = 0
-    for start in range(0, len(stamps_ns), BLOCK):
-        block = slice(start, start + BLOCK)
+    for start in range(0, len(stamps_ns), RUN_BLOCK):
+        block = slice(start, start + RUN_BLOCK)
         # setpoints are passed on as they begin: hours of them at once take several times the memory
         begun = int(np.searchsorted(asked["stamp_ns"][passed:], stamps_ns[block][-1], side="right"))
         for stamp, segment, phase, *values in asked[passed : passed + begun].tolist():

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from gyrowheel_analysis.fitting.fit import Point, Prior, Term
 from gyrowheel_analysis.fitting.noise import Noise
@@ -161,6 +160,8 @@ class Cost:
             raise InputError(
                 "fit: the residual is not finite where the search begins; allowed: other values or bounds"
             )
+        from scipy.optimize import least_squares  # takes long to load
+
         found = least_squares(
             lambda part: self.residuals(whole(part)),
             start_at,

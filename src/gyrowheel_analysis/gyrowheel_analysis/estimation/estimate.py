@@ -20,10 +20,11 @@ from gyrowheel_analysis.diagnosis.events import accepted, beside_events
 from gyrowheel_analysis.estimation.cost import LOSSES, ROUGH, Cost, Minimum, Unknown, log_determinant
 from gyrowheel_analysis.estimation.result import STEP, Estimation, Matrix, Parameter
 from gyrowheel_analysis.fitting.fit import Prior, Term, without_prior
-from gyrowheel_analysis.fitting.preparation import Prepared, Progress, one_thread, prepare
+from gyrowheel_analysis.fitting.preparation import Prepared, Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_analysis.residuals.error_table import channel_values, channels_of
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.parameter import physical_range

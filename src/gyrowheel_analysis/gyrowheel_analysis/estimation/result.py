@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import chdtri
 
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.estimation.cost import ROUGH, Cost, log_determinant
 from gyrowheel_analysis.fitting.fit import Prior
-from gyrowheel_analysis.fitting.preparation import Prepared, one_thread
+from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.residuals.error_table import channel_parts, channel_values, channels_of
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError, nearest
 
 Array = NDArray[np.float64]
@@ -405,6 +405,8 @@ def _where_zero(excess: Callable[[float], float], guess: float, farthest: float)
     reach = min(guess, farthest)
     while at(reach) < 0.0 and reach < farthest:
         reach = min(1.1 * reach, farthest)
+    from scipy.optimize import brentq  # takes long to load
+
     return float(brentq(at, 0.0, reach, xtol=1e-7 * guess)) if at(reach) > 0.0 else reach
 
 

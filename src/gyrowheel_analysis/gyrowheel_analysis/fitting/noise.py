@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.optimize import minimize
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import DRIFTS, in_groups
@@ -163,16 +163,12 @@ class Noise:
         marginal = MarginalCost(blocks, residual, regressors)
 
         def cost(log_scale: Array) -> float:
-            scale = dict(zip(names, np.exp(log_scale), strict=True))
+            scale = dict(zip(names, np.exp(log_scale).tolist(), strict=True))
             return marginal(scale) + scale_cost(scale)
 
-        bounds = [(float(np.log(DRIFT_SCALE_BOUNDS[0])), float(np.log(DRIFT_SCALE_BOUNDS[1])))] * len(names)
-        best = minimize(
-            cost, np.full(len(names), 0.05), bounds=bounds, method="L-BFGS-B", options={"maxiter": 30}
-        )
-        return {name: float(np.exp(value)) for name, value in zip(names, best.x, strict=True)}, float(
-            best.fun + turning_cost
-        )
+        low, high = np.log(DRIFT_SCALE_BOUNDS)
+        best, least = _lowest(cost, np.full(len(names), 0.05), float(low), float(high))
+        return dict(zip(names, np.exp(best).tolist(), strict=True)), least + turning_cost
 
     def beside_events(self, regressors: Array) -> Array:
         """Return regressors (N, p) with those of the events, whose sizes are practically free."""
@@ -208,6 +204,40 @@ class Noise:
         turning = np.setdiff1d(np.arange(start), averages)
         residual, regressors, cost = _narrowed(residual, regressors, averages, turning, self.amplitudes)
         return blocks, residual, regressors, cost - flat
+
+
+_DIFFERENCE = 1e-3  # of a logarithm, for derivatives
+_MOST_STEPS, _FARTHEST = 30, 1.5  # of the search, and of a logarithm in one step
+
+
+def _lowest(cost: Callable[[Array], float], start: Array, low: float, high: float) -> tuple[Array, float]:
+    """Return where a smooth function of few numbers between two bounds is lowest, and its value there.
+
+    Newton's method with differences; where the function bends the other way it goes downhill.
+    """
+    x, here, every = start, cost(start), np.eye(len(start)) * _DIFFERENCE
+    for _ in range(_MOST_STEPS):
+        up, down = (np.array([cost(x + sign * own) for own in every]) for sign in (1.0, -1.0))
+        slope = (up - down) / (2.0 * _DIFFERENCE)
+        bend = np.diag(up - 2.0 * here + down) / _DIFFERENCE**2
+        for i, j in itertools.combinations(range(len(x)), 2):
+            both = cost(x + every[i] + every[j]) - up[i] - up[j] + here
+            bend[i, j] = bend[j, i] = both / _DIFFERENCE**2
+        free = ~((x <= low) & (slope > 0.0) | (x >= high) & (slope < 0.0))
+        size, axes = np.linalg.eigh(bend[np.ix_(free, free)])
+        step = np.zeros(len(x))
+        step[free] = -axes @ ((axes.T @ slope[free]) / np.maximum(np.abs(size), 1e-3))
+        step *= min(1.0, _FARTHEST / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        for part in (1.0, 0.5, 0.25, 0.1, 0.01):
+            trial = np.clip(x + part * step, low, high)
+            if (there := cost(trial)) < here:
+                break
+        else:
+            break
+        gain, x, here = here - there, trial, there
+        if gain < 1e-7:
+            break
+    return x, here
 
 
 def scale_cost(scales: Mapping[str, float]) -> float:

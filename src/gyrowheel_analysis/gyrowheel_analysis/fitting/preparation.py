@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.balance.history import History
@@ -102,13 +100,6 @@ class Prepared:
         if other is not None:
             other = replace(other, problem=other.problem.reweighed(fit))
         return replace(self, problem=problem, validation=other)
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Keep linear algebra on one thread: the matrices are small, and threads would only wait for each other."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        yield
 
 
 def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import MEMORY_PAUSE, STATED_RANGE
@@ -17,7 +16,7 @@ from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns
 from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns, memory_terms
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
-from gyrowheel_analysis.fitting.solver import Objective, solve
+from gyrowheel_analysis.fitting.solver import Objective, bounded, solve
 from gyrowheel_recording.bags.reader import pauses
 from gyrowheel_sim.bench import Bench
 
@@ -234,8 +233,7 @@ class Problem:
             residual = measured - self.predict(Point((), x, {}))
             design = np.vstack([self.noise.whiten(self.base_jacobian), np.eye(self.count)])
             target = np.concatenate([self.noise.whiten(residual), -x])
-            x = x + lsq_linear(design, target, bounds=(low - x - 1e-9, high - x + 1e-9)).x
-        x = np.clip(x, low, high)
+            x = x + bounded(design, target, low - x, high - x)
         residual = measured - self.predict(Point((), x, {}))
         white = self.noise.whiten(residual)
         rows = float(white @ white)

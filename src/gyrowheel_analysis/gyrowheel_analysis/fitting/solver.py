@@ -222,3 +222,33 @@ def _boldly(objective: Objective, x: Array, at: Evaluated, before: Array) -> tup
         x = objective.within_bounds(x + _linear(objective, x, at, columns).step)
         at = objective.at(x)
     return x, at
+
+
+_MOST_CHANGES = 10  # of the fixed unknowns, for each
+
+
+def bounded(design: Array, target: Array, low: Array, high: Array) -> Array:
+    """Return the least-squares solution (n,) between bounds, each `low` at most as large as its `high`.
+
+    Unknowns at a bound are fixed there, the others make the best of it, until no fixed one would rather come back.
+    """
+    gram, along = design.T @ design, design.T @ target
+    x, free = np.clip(0.0, low, high), np.ones(len(low), dtype=bool)
+    for _ in range(_MOST_CHANGES * len(x)):
+        step = np.zeros(len(x))
+        step[free] = np.linalg.lstsq(gram[np.ix_(free, free)], (along - gram @ x)[free], rcond=1e-14)[0]
+        # as far along the step as all bounds allow
+        room = np.where(step > 0.0, high - x, low - x)
+        parts = np.divide(room, step, out=np.full(len(x), np.inf), where=step != 0.0)
+        if parts.min(initial=np.inf) < 1.0:
+            first = int(parts.argmin())
+            x = np.clip(x + parts[first] * step, low, high)
+            x[first], free[first] = (high if step[first] > 0.0 else low)[first], False
+            continue
+        x = np.clip(x + step, low, high)
+        slope = along - gram @ x
+        inwards = np.where(free, 0.0, np.where(x >= high, -slope, slope))
+        if not inwards.max(initial=0.0) > 1e-9 * max(float(np.abs(along).max(initial=0.0)), 1.0):
+            break
+        free[int(inwards.argmax())] = True
+    return x

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_core.arrays import running_mean
 
 #: Jitter over the sampling period below which the stamps are taken as they are.
 _SMALL = 2.0e-4
@@ -63,9 +64,6 @@ def _breaks(time: Array) -> list[int]:
 
 def _smooth(time: Array, period: float) -> Array:
     """Return the instants of samples without their jitter: even, at a rate that changes slowly."""
-    # the library takes long to load, and the node of the drag estimator does not need it
-    from scipy.ndimage import uniform_filter1d
-
     # in place, since hours of samples are smoothed at once: steps, then their number from the first sample on
     number = np.zeros(len(time))
     steps = np.subtract(time[1:], time[:-1], out=number[1:])
@@ -81,7 +79,7 @@ def _smooth(time: Array, period: float) -> Array:
     number *= number @ left / (number @ number)
     line = np.add(number, middle, out=number)
     np.subtract(time, line, out=left)
-    line += uniform_filter1d(left, min(_AVERAGED, len(time)), output=left, mode="nearest")
+    line += running_mean(left, min(_AVERAGED, len(time)), "edge")
     return line
 
 

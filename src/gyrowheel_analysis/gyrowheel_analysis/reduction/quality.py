@@ -264,18 +264,24 @@ def _fitted(readings: Any, design: Array, pseudo: Array) -> tuple[Any, Any]:
 def _spikes(left: Any) -> NDArray[np.bool_]:
     """Return which residuals (n, columns) are isolated and far above the others; columns with many such have none."""
     size = np.abs(left)
-    if not len(size):
+    # where half of them are above the largest over `SPIKE`, none is far above their median, which takes long to find
+    largest = size.max(axis=0, initial=0.0)
+    if (2 * np.count_nonzero(size > _medians(left) / SPIKE * largest, axis=0) > len(size)).all():
         return np.zeros(size.shape, dtype=bool)
     scale = _scale(left)
     # relative to the largest one too: it pulls the fit, so that its neighbours seem far off
-    far = size > np.maximum(SPIKE * scale, 0.3 * size.max(axis=0))
+    far = size > np.maximum(SPIKE * scale, 0.3 * largest)
     return np.asarray(far & (far.mean(axis=0) <= MOST_SPIKES) & (scale > 0.0))
 
 
 def _scale(left: Any) -> Array:
     """Return the robust standard deviation of residuals (n, columns), of each part of complex ones."""
-    # the median of the absolute value of a Gaussian number, real or complex
-    return np.asarray(np.median(np.abs(left), axis=0) / np.where(np.any(left.imag, axis=0), 1.1774, 0.6745))
+    return np.asarray(np.median(np.abs(left), axis=0) / _medians(left))
+
+
+def _medians(left: Any) -> Any:
+    """Return the median of the absolute value of Gaussian residuals over their standard deviation, by column."""
+    return np.where(np.any(left.imag, axis=0), 1.1774, 0.6745) if np.iscomplexobj(left) else 0.6745
 
 
 def _crowded(found: NDArray[np.bool_]) -> NDArray[np.bool_]:

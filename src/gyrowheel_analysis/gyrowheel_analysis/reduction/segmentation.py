@@ -195,16 +195,17 @@ _UNSETTLED = "with a motion or motor current that had not settled"
 _OFF_SPEED = "of a cone before its speed was reached"
 
 
-def reduce(data: Samples, bench: Bench) -> Windows:
+def reduce(data: Samples, bench: Bench, *, weighed: bool = True) -> Windows:
     """Reduce a recording to windows of whole revolutions; see `reduce_and_account`."""
-    return reduce_and_account(data, bench)[0]
+    return reduce_and_account(data, bench, weighed=weighed)[0]
 
 
-def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
+def reduce_and_account(data: Samples, bench: Bench, *, weighed: bool = True) -> tuple[Windows, Coverage]:
     """Reduce a recording to windows of whole revolutions, in time order, and return the coverage of its steady motion.
 
     There are no windows without steady motion. A reading that is not finite was not taken, see `readable`; the bench
-    gives the noise of the readings.
+    gives the noise of the readings. Windows that are not `weighed` lack what only the weight of their rows needs: the
+    leakage of their harmonics, and the share of outliers in their noise.
     """
     h = data.period(bench.sample_period)
     length = 0.0
@@ -223,7 +224,7 @@ def reduce_and_account(data: Samples, bench: Bench) -> tuple[Windows, Coverage]:
 
     def fit(i: int, j: int) -> dict[str, Any] | None:
         # samples faster than the loop show a voltage more than once
-        return fit_window(data, i, j, (h, min(h, loop), loop), bench, heat, noise)
+        return fit_window(data, i, j, (h, min(h, loop), loop), bench, heat, noise, weighed=weighed)
 
     spans = steady_spans(data)
     for start, stop, segment, turn in _unbroken(spans, _without_samples(sampled, spans)):

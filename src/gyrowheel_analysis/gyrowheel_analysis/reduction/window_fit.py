@@ -56,11 +56,14 @@ def fit_window(
     bench: Bench,
     heat: tuple[Array, Array, Array],
     noise: Array,
+    *,
+    weighed: bool = True,
 ) -> dict[str, Any] | None:
     """Reduce samples i .. j-1, shortened to whole revolutions.
 
     `periods` are the sampling period of the recording, the duration of a held voltage by its stamp, and the period of
-    the loop [s]; `heat` and `noise` are the results of `motor_temperatures` and `reading_noise`. Returns the fields of
+    the loop [s]; `heat` and `noise` are the results of `motor_temperatures` and `reading_noise`; for `weighed` see
+    `reduce_and_account`. Returns the fields of
     `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot follow the motion.
     Returns None if there are too few samples or revolutions.
     """
@@ -108,7 +111,8 @@ def fit_window(
     spin_ripple, current_ripple, voltage_ripple = _ripple(
         left[:, (_SPIN, _CURRENT, _MOTOR)].real, angle, bench
     )
-    legendre = np.polynomial.legendre.legvander(x, smooth - 1)
+    series = np.polynomial.legendre.legvander(x, max(degree, smooth) + _FURTHER - 1)
+    legendre = series[:, :smooth]
     turning = np.hstack([legendre, waves])
     turning_gram = np.linalg.inv(turning.T @ turning)
     _, turned, beside = despiked(angle[:, None], turning, turning_gram)
@@ -117,8 +121,8 @@ def fit_window(
         for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
     )
     tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
-    tail = _more(x, design, gram, left[:, _TILT], degree) / (2.0 * tilt_noise**2)
-    angle_tail = _more(x, turning, turning_gram, beside[:, 0], smooth)
+    tail = _more(series[:, degree : degree + _FURTHER], design, gram, left[:, _TILT]) / (2.0 * tilt_noise**2)
+    angle_tail = _more(series[:, smooth : smooth + _FURTHER], turning, turning_gram, beside[:, 0])
     unsettled = (
         tail > UNSETTLED_TILT
         or angle_tail > UNSETTLED_ANGLE * angle_noise**2
@@ -132,7 +136,7 @@ def fit_window(
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
-    factors = _outlier_factors(left, beside[:, 0], noise)
+    factors = _outlier_factors(left, beside[:, 0], noise) if weighed else {}
     if any(part.max() > 1.0 for part in factors.values()):
         # a burst at an end of the window has more weight in a change from end to end than in the mean
         change_variance *= _weighed(RISE @ gram[:degree] @ design.T, factors["tilt_noise"])
@@ -187,7 +191,9 @@ def fit_window(
             (noise[READING_NOISES.index("tilt_noise")], noise[volts]),
             resistances(bench, speed),
             coil_held,
-        ),
+        )
+        if weighed
+        else np.zeros(len(FORWARD)),
         "spin_ripple": spin_ripple,
         "current_ripple": current_ripple,
         "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * hold),
@@ -233,7 +239,8 @@ def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, flo
     design = np.hstack([legendre, waves])
     gram = np.linalg.inv(design.T @ design)
     fit = gram @ (design.T @ tilt)
-    left = _more(x, design, gram, tilt - design @ fit, legendre.shape[1])
+    further = np.polynomial.legendre.legvander(x, legendre.shape[1] + _FURTHER - 1)[:, legendre.shape[1] :]
+    left = _more(further, design, gram, tilt - design @ fit)
     series = fit[: legendre.shape[1]]
     rise = 2.0 * (np.arange(len(series)) % 2)
     variance = float(rise @ gram[: len(series), : len(series)] @ rise)
@@ -265,7 +272,8 @@ def _shortened(series: Array) -> Array:
 
 def _waves(angle: Array, powers: Array) -> Array:
     """Return cosine and sine of the orders `FORWARD` of an angle, each times the columns of `powers`: (n, terms)."""
-    waves = (np.exp(1j * order * angle) for order in FORWARD)
+    wave = np.cos(angle) + 1j * np.sin(angle)
+    waves = (wave**order for order in FORWARD)
     return np.hstack([part[:, None] * powers for wave in waves for part in (wave.real, wave.imag)])
 
 
@@ -341,9 +349,8 @@ def _leakage(
     return np.array(result)
 
 
-def _more(x: Array, design: Array, gram: Array, left: Any, degree: int) -> float:
-    """Return the mean square of the residuals that each of `_FURTHER` more polynomial terms would explain."""
-    further = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)[:, degree:]
+def _more(further: Array, design: Array, gram: Array, left: Any) -> float:
+    """Return the mean square of the residuals that each of some `further` terms (n, `_FURTHER`) would explain."""
     # the residuals are orthogonal to the design, so only the square of the terms must be projected
     shared = design.T @ further
     square = further.T @ further - shared.T @ gram @ shared

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import curve_fit
 
 from gyrowheel_analysis.criteria import LAW_EXCESS, LAW_EXCESS_OF_AVERAGE, LAW_OF_TIME, LAW_PLAINER, LAW_SHARE
 from gyrowheel_analysis.reduction.windows import Windows, speed_groups
@@ -243,6 +242,10 @@ def _direction(amplitude: complex, part: Part) -> complex:
     return amplitude / abs(amplitude) if turning else 1.0 + 0.0j
 
 
+_MOST_STEPS, _CLOSE = 50, 1e-9  # of the fit of a power law
+_PARTS = (1.0, 0.5, 0.2, 0.05, 0.01)  # of a step that are tried
+
+
 def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] | None:
     """Return the exponent of a power law of the speed and its standard error; None where a power law does not fit.
 
@@ -263,12 +266,20 @@ def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] |
         power = (x / reference) ** n
         return np.column_stack([power, amplitude * power * np.log(x / reference)])
 
-    start = (float(np.average(sizes, weights=weight)), 1.0)
-    try:
-        found, _ = curve_fit(
-            law, speed, sizes, p0=start, sigma=1.0 / np.sqrt(weight), jac=slopes, maxfev=2000
-        )
-    except RuntimeError:
+    found, root = np.array([np.average(sizes, weights=weight), 1.0]), np.sqrt(weight)
+    for _ in range(_MOST_STEPS):
+        left = root * (sizes - law(speed, *found))
+        step, *_ = np.linalg.lstsq(root[:, None] * slopes(speed, *found), left, rcond=None)
+        for part in _PARTS:
+            there = root * (sizes - law(speed, *(found + part * step)))
+            if there @ there <= left @ left:
+                break
+        else:
+            break  # no step along this direction comes nearer
+        found = found + part * step
+        if np.abs(step).max() < _CLOSE:
+            break
+    else:
         return None
     design = slopes(speed, *found)
     covariance = np.linalg.pinv(design.T @ (weight[:, None] * design), hermitian=True)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from gyrowheel_core import cache
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.bags.reader import require_rate
 from gyrowheel_recording.mislabelled import Fix, WrongSetup
@@ -240,7 +240,7 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
         return []
     found, averaged = [], []
     # the matrices are small: several threads would only wait for each other
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         for recording in recordings:
             wrong, now = _judged(recording, bench)
             found += [replace(item, recording=str(recording.path)) for item in wrong]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from gyrowheel_core.units import DEG
 from gyrowheel_recording.mislabelled.blocks import COIL, Averages
@@ -188,6 +187,8 @@ def _left(design: Array, values: Array, bounds: list[tuple[float, float]], size:
     rows = np.column_stack([design / scale, values])
     triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
     low, high = (np.array([b[k] for b in bounds]) * scale for k in (0, 1))
+    from scipy.optimize import lsq_linear  # takes long to load
+
     fit = lsq_linear(triangle[:, :-1], triangle[:, -1], (low, high), method="bvls")
     return float(math.sqrt(2.0 * fit.cost / len(values)) / size)
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mapping.clock import rounded_to
@@ -384,7 +384,7 @@ def broken_laws(recording: Recording, bench: Bench) -> list[Problem]:
     the voltage of the supply or a duty cycle in the place of the motor's voltage.
     """
     absent = never_measured(recording)
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         now = averages(blocks_of(recording, absent=absent), absent)
         found = []
         voltage = spin(now, bench).electrical if len(now) else 0.0
