@@ -122,6 +122,11 @@ class Recording(Shown):
         return self._opened
 
     @property
+    def machine(self) -> str:
+        """Name of the machine, as its environment states it; empty where unknown."""
+        return Data.machine_of(self._path) if self._opened is None else self._opened.machine
+
+    @property
     def path(self) -> Path:
         """Path that it was read from; a temporary folder if it was simulated or imported without naming one."""
         return self._path
@@ -410,5 +415,5 @@ def machine_options(
 
 def _place(recording: Recording) -> Path | None:
     """Return the file of the note; None for a recording without the name of a machine."""
-    name = recording.data.machine
+    name = recording.machine
     return recording.path.absolute().parent / FOLDER / name if name.isalnum() else None

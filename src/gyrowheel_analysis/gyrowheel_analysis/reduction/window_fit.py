@@ -64,7 +64,8 @@ def fit_window(
     `periods` are the sampling period of the recording, the duration of a held voltage by its stamp, and the period of
     the loop [s]; `heat` and `noise` are the results of `motor_temperatures` and `reading_noise`; for `weighed` see
     `reduce_and_account`. Returns the fields of
-    `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot follow the motion.
+    `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot follow the motion;
+    then ``spin`` alone is with it.
     Returns None if there are too few samples or revolutions.
     """
     h, hold, loop = periods
@@ -133,6 +134,12 @@ def fit_window(
     if not unsettled and tail > FURTHER_TERMS:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
         unsettled = beyond > 2.0 * TOO_FEW_TERMS * tilt_noise**2
+    spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
+    if data.summed and "spin_rate" not in data.absent:
+        # the integral of the speed is a random walk by its noise: the polynomial is fitted to the speed itself
+        spin, speed_variance = _of_speed(readings[:, _SPIN].real, legendre[:, :-1], waves, duration)
+    if unsettled:
+        return {"unsettled": True, "spin": _shortened(spin)}
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
@@ -144,11 +151,8 @@ def fit_window(
         # the loop responds to bursts of the speed: further terms show that motion
         slope_variance *= max(burst, angle_tail / angle_noise**2)
         noise = noise * np.sqrt([factors[name].mean() for name in READING_NOISES])
-    spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
     if data.summed and "spin_rate" not in data.absent:
-        # the integral of the speed is a random walk by its noise: the polynomial is fitted to the speed itself
-        spin, slope_variance = _of_speed(readings[:, _SPIN].real, legendre[:, :-1], waves, duration)
-        slope_variance *= noise[READING_NOISES.index("spin_rate_noise")] ** 2
+        slope_variance = speed_variance * noise[READING_NOISES.index("spin_rate_noise")] ** 2
     slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
     coil = slow[:, SLOW.index("coil_temperature")]
     warming = float(x @ coil - x.sum() * coil.mean()) / float(x @ x - x.sum() * x.mean())
@@ -163,7 +167,7 @@ def fit_window(
     coil_held = bench.value("coil_constant") * held
     heating = interpolated(heat[0], heat[1], end) - interpolated(heat[0], heat[1], begin)
     return {
-        "unsettled": unsettled,
+        "unsettled": False,
         "start": begin,
         "duration": duration,
         "samples": float(len(time)),

@@ -151,6 +151,20 @@ class Recording:
         )
         return whole if part == WHOLE else replace(whole.within(*part), path=Path(directory))
 
+    @staticmethod
+    def machine_of(directory: str | Path) -> str:
+        """Return the name of the machine of a recording without reading its samples.
+
+        Raises
+        ------
+        InputError
+            If it cannot be read.
+        """
+        where = str(directory)
+        found = read_bag(parted(directory)[0], AnyNamespace({topics.ENVIRONMENT.name: None}))
+        namespace = bench_in({name: topic.count for name, topic in found.items()}, where)
+        return _machine(_environment(texts(found.get(topics.ENVIRONMENT.within(namespace)), where), 0, where))
+
     def within(self, begin: float, end: float) -> Recording:
         """Return a part of it [s from its start], which shares its arrays.
 
@@ -186,8 +200,7 @@ class Recording:
     @property
     def machine(self) -> str:
         """Name of the machine, as the environment states it; empty where unknown."""
-        names = [event.machine for event in self.environment if event.machine]
-        return names[-1] if names else ""
+        return _machine(self.environment)
 
     @cached_property
     def carried_bench(self) -> tuple[str, dict[str, float]] | None:
@@ -414,6 +427,12 @@ def _any_step(
     return any(
         by_blocks(len(rows), lambda first, last: bool(np.any(which(np.diff(stamps[first : last + 1])))))
     )
+
+
+def _machine(environment: Sequence[Environment]) -> str:
+    """Return the name of the machine that an environment states last; empty where unknown."""
+    names = [event.machine for event in environment if event.machine]
+    return names[-1] if names else ""
 
 
 def _environment(messages: list[str], start_ns: int, where: str) -> list[Environment]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import itertools
 import os
 import struct
 from array import array
@@ -30,6 +31,8 @@ from gyrowheel_recording.bags.mcap import (
     PackedBytes,
     crc32,
 )
+
+_AT_ONCE = 1 << 24  # bytes of chunks that are put together at once
 
 
 @dataclass(frozen=True)
@@ -176,23 +179,33 @@ class McapWriter:
         if self._chunk_span is not None:
             ordered = times[order]
             full |= np.diff((ordered - ordered[0]) // self._chunk_span) != 0
-        cuts = np.flatnonzero(full) + 1
+        edges = np.concatenate([[0], np.flatnonzero(full) + 1, [len(order)]])
+        starts = offsets[edges[:-1]]  # of the chunks
         done = np.zeros(len(blocks), dtype=np.int64)
-        for first, last in zip([0, *cuts], [*cuts, len(order)], strict=True):
+        # the messages of many chunks are put together at once
+        for some in np.split(np.arange(len(starts)), np.flatnonzero(np.diff(starts // _AT_ONCE)) + 1):
+            bounds = edges[[*some, some[-1] + 1]]
+            first, last = bounds[[0, -1]].tolist()
             buffer = np.empty(ends[last - 1] - offsets[first], dtype=np.uint8)
-            index: dict[int, bytes] = {}
+            pairs, parts = [], []
             for k, block in enumerate(blocks):
-                places = offsets[first:last][owner[first:last] == k] - offsets[first]
-                part = slice(done[k], done[k] + len(places))
-                done[k] += len(places)
-                if len(places):
-                    at = np.empty((len(places), 2), dtype="<u8")
-                    at[:, 0] = block.times[part]
-                    at[:, 1] = places
-                    index[block.channel] = index.get(block.channel, b"") + at.tobytes()
-                    _scatter(buffer, places, _records(block, part))
-                    self.counts[block.channel] += len(places)
-            self._write_chunk(buffer.data, index, int(times[order[first]]), int(times[order[last - 1]]))
+                own = first + np.flatnonzero(owner[first:last] == k)
+                part = slice(done[k], done[k] + len(own))
+                done[k] += len(own)
+                _scatter(buffer, offsets[own] - offsets[first], _records(block, part))
+                at = np.empty((len(own), 2), dtype="<u8")
+                at[:, 0] = block.times[part]
+                at[:, 1] = offsets[own] - starts[np.searchsorted(edges, own, side="right") - 1]
+                pairs.append(at)
+                parts.append(np.searchsorted(own, bounds).tolist())
+            for number, (begin, end) in enumerate(itertools.pairwise(bounds.tolist())):
+                index: dict[int, bytes] = {}
+                for block, at, of in zip(blocks, pairs, parts, strict=True):
+                    if own_pairs := at[of[number] : of[number + 1]].tobytes():
+                        index[block.channel] = index.get(block.channel, b"") + own_pairs
+                        self.counts[block.channel] += of[number + 1] - of[number]
+                records = buffer.data[offsets[begin] - offsets[first] : ends[end - 1] - offsets[first]]
+                self._write_chunk(records, index, int(times[order[begin]]), int(times[order[end - 1]]))
 
     def flush(self) -> None:
         """Write the collected messages to the disk."""
