@@ -99,9 +99,9 @@ def test_settled_holds_have_the_same_estimates_alone_as_among_all(run: Run) -> N
 def test_work_for_a_hold_is_linear_in_its_length(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     lengths = []
 
-    def counting(data: Samples, *rest: Any) -> Any:
+    def counting(data: Samples, *rest: Any, **options: Any) -> Any:
         lengths.append(len(data.time))
-        return reduce(data, *rest)
+        return reduce(data, *rest, **options)
 
     monkeypatch.setattr(gyrowheel_analysis.drag.prediction, "reduce", counting)
     found = list(estimates(run))
