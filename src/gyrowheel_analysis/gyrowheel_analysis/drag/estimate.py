@@ -372,7 +372,7 @@ class DragEstimator:
             if self._setpoints:
                 stop = int(np.searchsorted(stamps_ns, self._setpoints[0].stamp_ns))
             if self._hold is not None:
-                time = stamps_ns[at:stop] * 1e-9
+                time = np.asarray(stamps_ns[at:stop] * 1e-9, dtype=np.float64)
                 first, due = np.searchsorted(time, (self._hold.start, self._hold.due)).tolist()
                 is_due = due < len(time)
                 stop = at + due + 1 if is_due else stop

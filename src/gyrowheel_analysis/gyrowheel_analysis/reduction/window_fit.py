@@ -63,10 +63,8 @@ def fit_window(
 
     `periods` are the sampling period of the recording, the duration of a held voltage by its stamp, and the period of
     the loop [s]; `heat` and `noise` are the results of `motor_temperatures` and `reading_noise`; for `weighed` see
-    `reduce_and_account`. Returns the fields of
-    `Windows` for this window except ``segment``, and ``unsettled``: whether the polynomials cannot follow the motion;
-    then ``spin`` alone is with it.
-    Returns None if there are too few samples or revolutions.
+    `reduce_and_account`. Returns the fields of `Windows` for this window except ``segment``, and ``unsettled``:
+    whether the polynomials cannot follow the motion; then ``spin`` alone is with it. Returns None if there are too few samples or revolutions.
     """
     h, hold, loop = periods
     if j - i < 3 * FEWEST_REVOLUTIONS:
@@ -353,7 +351,7 @@ def _leakage(
     return np.array(result)
 
 
-def _more(further: Array, design: Array, gram: Array, left: Any) -> float:
+def _more(further: Any, design: Array, gram: Array, left: Any) -> float:
     """Return the mean square of the residuals that each of some `further` terms (n, `_FURTHER`) would explain."""
     # the residuals are orthogonal to the design, so only the square of the terms must be projected
     shared = design.T @ further

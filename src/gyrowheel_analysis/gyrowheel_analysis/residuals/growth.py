@@ -268,11 +268,11 @@ def exponent(speed: Array, sizes: Array, weight: Array) -> tuple[float, float] |
 
     found, root = np.array([np.average(sizes, weights=weight), 1.0]), np.sqrt(weight)
     for _ in range(_MOST_STEPS):
-        left = root * (sizes - law(speed, *found))
-        step, *_ = np.linalg.lstsq(root[:, None] * slopes(speed, *found), left, rcond=None)
+        off = root * (sizes - law(speed, *found))
+        step, *_ = np.linalg.lstsq(root[:, None] * slopes(speed, *found), off, rcond=None)
         for part in _PARTS:
             there = root * (sizes - law(speed, *(found + part * step)))
-            if there @ there <= left @ left:
+            if there @ there <= off @ off:
                 break
         else:
             break  # no step along this direction comes nearer
