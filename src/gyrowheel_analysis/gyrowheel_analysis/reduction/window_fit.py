@@ -64,7 +64,8 @@ def fit_window(
     `periods` are the sampling period of the recording, the duration of a held voltage by its stamp, and the period of
     the loop [s]; `heat` and `noise` are the results of `motor_temperatures` and `reading_noise`; for `weighed` see
     `reduce_and_account`. Returns the fields of `Windows` for this window except ``segment``, and ``unsettled``:
-    whether the polynomials cannot follow the motion; then ``spin`` alone is with it. Returns None if there are too few samples or revolutions.
+    whether the polynomials cannot follow the motion; then ``spin`` alone is with it. Returns None if there are too few
+    samples or revolutions.
     """
     h, hold, loop = periods
     if j - i < 3 * FEWEST_REVOLUTIONS:
