@@ -165,22 +165,20 @@ class _Swings(Profiles):
         return (both[..., 0, :, :] * cosine + both[..., 1, :, :] * sine).reshape(*values.shape[:-1], -1)
 
     def squares(self, block: Rows, left: Array, right: Array) -> Array:
-        white = block.whiten((self._weights * left).T)
-        other = white if right is left else block.whiten((self._weights * right).T)
-        return self._products(white, other)
+        return self._phased(block.of_courses(self._courses.reshape(-1, 2, self._count), left, right))
 
     def explained(self, left: Array, right: Array) -> Array:
-        own = super().sums(left)
-        return self._products(own, own if right is left else super().sums(right))
+        one = super().sums(left).reshape(len(left), 2, self._count)
+        other = one if right is left else super().sums(right).reshape(one.shape)
+        products = [[np.einsum("np,np->p", one[:, i], other[:, j]) for j in (0, 1)] for i in (0, 1)]
+        return self._phased(np.array(products))
 
-    def _products(self, left: Array, right: Array) -> Array:
-        """Return the products (events,) of columns (n, 2 periods) that belong to the two courses of every period."""
-        one, other = (part.reshape(len(part), 2, self._count) for part in (left, right))
-        a, b = (np.einsum("np,np->p", one[:, k], other[:, k]) for k in (0, 1))
-        mixed = np.einsum("np,np->p", one[:, 0], other[:, 1]) + np.einsum("np,np->p", one[:, 1], other[:, 0])
+    def _phased(self, products: Array) -> Array:
+        """Return the products (events,) of all phases from those (2, 2, periods) of the two courses of every period."""
         cosine, sine = self._parts
+        mixed = (products[0, 1] + products[1, 0])[:, None]
         return np.asarray(
-            a[:, None] * cosine**2 + mixed[:, None] * (cosine * sine) + b[:, None] * sine**2
+            products[0, 0][:, None] * cosine**2 + mixed * (cosine * sine) + products[1, 1][:, None] * sine**2
         ).ravel()
 
 

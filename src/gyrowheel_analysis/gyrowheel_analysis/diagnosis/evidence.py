@@ -26,7 +26,7 @@ from gyrowheel_analysis.fitting.events import QUANTITIES, Kind, unit_rows
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.noise import scale_cost
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_analysis.fitting.variance import DriftCovariance, precision_root
+from gyrowheel_analysis.fitting.variance import DriftCovariance, course_products, precision_root
 from gyrowheel_analysis.reduction.windows import SAME_SPEED
 
 Array = NDArray[np.float64]
@@ -50,7 +50,8 @@ class Profiles:
     stride = 1
 
     def __init__(self, kind: Kind, edges: ArrayLike, weights: Array) -> None:
-        self.kind, self.edges, self._weights = kind, np.asarray(edges, dtype=np.float64), weights
+        self.kind, self.edges = kind, np.asarray(edges, dtype=np.float64)
+        self._courses = np.ascontiguousarray(weights.T)  # (n, events)
 
     @functools.cached_property
     def tried(self) -> list[Array]:
@@ -67,13 +68,11 @@ class Profiles:
 
     def sums(self, values: Array) -> Array:
         """Return the sums (..., events) of values (..., n) of the windows over the course of every event."""
-        return np.asarray(values @ self._weights.T)
+        return np.asarray(values @ self._courses)
 
     def squares(self, block: Rows, left: Array, right: Array) -> Array:
         """Return the products (events,) of whitened rows, changed by `left` and by `right` (n,) along each course."""
-        white = block.whiten((self._weights * left).T)
-        other = white if right is left else block.whiten((self._weights * right).T)
-        return np.einsum("ne,ne->e", white, other)
+        return block.of_courses(self._courses[:, None], left, right)[0, 0]
 
     def explained(self, left: Array, right: Array) -> Array:
         """Return the products (events,) of the sums of `left` and of `right` (p, n)."""
@@ -95,6 +94,10 @@ class _White:
 
     def whiten_back(self, rows: Array, scale: float) -> Array:
         return self.whiten(rows, scale)
+
+    def of_courses(self, courses: Array, left: Array, right: Array, factor: Array, scale: float) -> Array:
+        none = np.zeros(len(left))
+        return course_products(courses, left, right, none, none, 1.0 / (self.deviation * factor) ** 2)
 
     def log_determinant(self, scale: float) -> float:
         return 0.0  # always the same
@@ -125,6 +128,10 @@ class Rows:
     def whiten_back(self, rows: Array) -> Array:
         """Return rows (n, ...) times the transpose of the matrix of `whiten`."""
         return self.covariance.whiten_back((rows.T / self.factor).T, self.scale)
+
+    def of_courses(self, courses: Array, left: Array, right: Array) -> Array:
+        """Return the products of whitened courses, see `DriftCovariance.of_courses`."""
+        return self.covariance.of_courses(courses, left, right, self.factor, self.scale)
 
     def of_steps(self, left: Array, right: Array, pairs: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the products of whitened courses from each window on (n,), and within pairs of windows (m,)."""

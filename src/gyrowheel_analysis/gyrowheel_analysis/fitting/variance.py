@@ -123,6 +123,16 @@ class DriftCovariance:
         _bursts(left, right, self._fading, gain, steps, pairs, bursts)
         return steps[0], bursts
 
+    def of_courses(self, courses: Array, left: Array, right: Array, factor: Array, scale: float) -> Array:
+        """Return products (m, m, e) of whitened rows that follow courses (n, m, e), without forming these rows.
+
+        One side is the courses times `left` (n,), the other one times `right` (n,); `factor` (n,) is as for `of_steps`.
+        """
+        if self._order is not None:
+            courses, left, right, factor = (own[self._order] for own in (courses, left, right, factor))
+        gain, deviation = self._filter(scale)
+        return course_products(courses, left, right, self._fading, gain, 1.0 / (deviation * factor) ** 2)
+
     def shares(self, rows: Array, scale: float) -> Array:
         """Return the part (n,) of chi-squared that belongs to each row, in proportion to its square over its variance.
 
@@ -145,6 +155,16 @@ class DriftCovariance:
             _steady(self._fading, self._renewed, self._sorted, (scale * self.level) ** 2, gain, deviation)
             self._gains[scale] = gain, deviation
         return self._gains[scale]
+
+
+def course_products(
+    courses: Array, left: Array, right: Array, fading: Array, gain: Array, weight: Array
+) -> Array:
+    """Return the products of `DriftCovariance.of_courses` for a filter; without a drift it fades at once."""
+    out = np.zeros((courses.shape[1], *courses.shape[1:]))
+    same = np.array_equal(left, right)
+    _products(np.ascontiguousarray(courses), left, right, fading, gain, weight, same, out)
+    return out
 
 
 def precision_root(design: Array) -> Array:
@@ -244,6 +264,33 @@ def _innovations_back(rows: Any, order: Any, fading: Any, gain: Any, deviation: 
             new = rows[place, c] / deviation[k] + gain[k] * level[c]
             out[place, c] = new
             level[c] = fading[k] * (level[c] - new)
+
+
+@njit(cache=True, error_model="numpy")
+def _products(
+    courses: Any, left: Any, right: Any, fading: Any, gain: Any, weight: Any, same: bool, out: Any
+) -> None:
+    """Add to `out` the products of the innovations of courses times `left` and times `right`; `same`: these are one."""
+    count, kinds, events = courses.shape
+    one, other = np.zeros((kinds, events)), np.zeros((kinds, events))  # levels of the drift
+    new, further = np.empty((kinds, events)), np.empty((kinds, events))
+    for k in range(count):
+        f, g, w = fading[k], gain[k], weight[k]
+        for i in range(kinds):
+            for e in range(events):
+                ahead = f * one[i, e]
+                new[i, e] = courses[k, i, e] * left[k] - ahead
+                one[i, e] = ahead + g * new[i, e]
+            if not same:
+                for e in range(events):
+                    ahead = f * other[i, e]
+                    further[i, e] = courses[k, i, e] * right[k] - ahead
+                    other[i, e] = ahead + g * further[i, e]
+        beside = new if same else further
+        for i in range(kinds):
+            for j in range(kinds):
+                for e in range(events):
+                    out[i, j, e] += w * new[i, e] * beside[j, e]
 
 
 @njit(cache=True, error_model="numpy")
