@@ -154,7 +154,7 @@ class Prediction:
         """Return bench parameters, states of the balances and predicted rows."""
         # the name of an effect of the library identifies it; any other effect is part of the key
         foreign = tuple(t.effect for t in point.terms if t.name not in self.unknowns.library)
-        key = repr((point.nuisance.tolist(), point.coefficients)), foreign
+        key = point.nuisance.tobytes(), repr(point.coefficients), foreign
         if key in self._states:
             self._states.move_to_end(key)
         else:
