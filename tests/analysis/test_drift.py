@@ -10,8 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
+from scipy.optimize import lsq_linear, minimize
 from scipy.stats import multivariate_normal
 
+from gyrowheel_analysis.fitting.noise import _lowest
+from gyrowheel_analysis.fitting.solver import bounded
 from gyrowheel_analysis.fitting.variance import DriftCovariance, MarginalCost
 
 Array = NDArray[np.float64]
@@ -99,3 +102,26 @@ def test_row_count_must_equal_that_of_the_blocks() -> None:
     noise = DriftCovariance(np.arange(3.0), np.ones(3), 1.0, 20.0)
     with pytest.raises(ValueError, match="3 rows in the blocks, 4 in the residual"):
         MarginalCost([(noise, "current")], np.zeros(4), np.zeros((4, 1)))
+
+
+@pytest.mark.parametrize("middle", [(0.3, 1.1), (-2.0, 0.7), (5.0, -3.0)])
+def test_the_lowest_place_between_bounds_is_that_of_scipy(middle: tuple[float, float]) -> None:
+    def cost(x: Array) -> float:
+        off = x - np.array(middle)
+        return float(np.log(1.0 + off @ off + off[0] * off[1]) * 40.0)
+
+    x, least = _lowest(cost, np.array([0.05, 0.05]), 0.0, 2.0)
+    expected = minimize(cost, [0.05, 0.05], bounds=[(0.0, 2.0)] * 2, tol=1e-12)
+    assert x == pytest.approx(expected.x, abs=1e-4)
+    assert least <= expected.fun + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_bounded_least_squares_are_those_of_scipy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 15))
+    design = np.vstack([rng.standard_normal((30, n)) * 10.0 ** rng.uniform(-2.0, 2.0, n), np.eye(n)])
+    target = np.concatenate([100.0 * rng.standard_normal(30), rng.standard_normal(n)])
+    low, high = -rng.uniform(0.0, 3.0, n), rng.uniform(0.1, 3.0, n)
+    expected = lsq_linear(design, target, (low, high), method="bvls", tol=1e-14).x
+    assert bounded(design, target, low, high) == pytest.approx(expected, abs=1e-6)

@@ -1,10 +1,13 @@
 """Long arrays block by block."""
 
 import threading
+from typing import Literal
 
+import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 
-from gyrowheel_core.arrays import by_blocks
+from gyrowheel_core.arrays import by_blocks, running_mean
 
 
 @pytest.mark.parametrize("count", [0, 1, 9, 10, 11, 95])
@@ -24,3 +27,12 @@ def test_error_of_a_block_is_raised_and_no_thread_is_left() -> None:
     with pytest.raises(ValueError, match="20"):
         by_blocks(100, work, rows=10)
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize("size", [1, 7, 40])
+@pytest.mark.parametrize(("beyond", "mode"), [("edge", "nearest"), ("symmetric", "reflect")])
+def test_running_mean_is_that_of_scipy(size: int, beyond: Literal["edge", "symmetric"], mode: str) -> None:
+    values = np.random.default_rng(1).standard_normal(60)
+    assert running_mean(values, size, beyond) == pytest.approx(
+        uniform_filter1d(values, size, mode=mode), abs=1e-12
+    )

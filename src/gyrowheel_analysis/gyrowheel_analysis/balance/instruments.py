@@ -16,6 +16,7 @@ import numpy as np
 from gyrowheel_analysis.reduction.windows import HARMONICS, Windows
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, added
 from gyrowheel_sim.instruments import held_response, smooth_response
+from gyrowheel_sim.jit import njit
 
 Smooth = Literal["tilt", "spin_angle"]
 Held = Literal["coil_voltage", "motor_voltage", "motor_current"]
@@ -177,21 +178,37 @@ class Instruments:
         if cubic == 0.0 and cross == 0.0:
             return reading, rate, acceleration
         # sensors with the same mutual cross-talk: two equations, solved at once
-        z, dz, ddz = (
-            (part - 1j * cross * np.conj(part)) / (1.0 - cross**2) for part in (reading, rate, acceleration)
-        )
+        straight = [
+            (part - 1j * cross * np.conj(part)) / (1.0 - cross**2) if cross else part
+            for part in (reading, rate, acceleration)
+        ]
         if cubic == 0.0:
-            return z, dz, ddz
-        size = 3.0 * abs(cubic) * float(np.abs(z).max(initial=0.0)) ** 2
-        straight, straight_rate, straight_acceleration = z, dz, ddz
-        for _ in range(1 if size < _SMALL else 2 if size < _LARGE else 4):
-            x, y, dx, dy = z.real, z.imag, dz.real, dz.imag
-            x2, y2 = 3.0 * x * x, 3.0 * y * y
-            error = cubic * (x2 * x + 1j * (y2 * y)) / 3.0
-            first = cubic * (x2 * dx + 1j * (y2 * dy))
-            second = cubic * (6.0 * x * dx * dx + x2 * ddz.real + 1j * (6.0 * y * dy * dy + y2 * ddz.imag))
-            z, dz, ddz = straight - error, straight_rate - first, straight_acceleration - second
+            return straight[0], straight[1], straight[2]
+        size = 3.0 * abs(cubic) * float(np.abs(straight[0]).max(initial=0.0)) ** 2
+        times = 1 if size < _SMALL else 2 if size < _LARGE else 4
+        shape = np.broadcast_shapes(*map(np.shape, straight))
+        flat = [
+            np.ascontiguousarray(np.broadcast_to(part, shape), dtype=complex).view(float).ravel()
+            for part in straight
+        ]
+        out = np.empty((3, flat[0].size))
+        _without_cubic(*flat, cubic, times, out)
+        z, dz, ddz = (part.view(complex).reshape(shape) for part in out)
         return z, dz, ddz
+
+
+@njit(cache=True, error_model="numpy")
+def _without_cubic(x: Any, dx: Any, ddx: Any, cubic: float, times: int, out: Any) -> None:
+    """Fill `out` with the true angles and their derivatives for readings with a cubic error, found by repetition."""
+    for k in range(len(x)):
+        value, first, second = x[k], dx[k], ddx[k]
+        for _ in range(times):
+            square = 3.0 * value * value
+            error = cubic * square * value / 3.0
+            error_first = cubic * square * first
+            error_second = cubic * (6.0 * value * first * first + square * second)
+            value, first, second = x[k] - error, dx[k] - error_first, ddx[k] - error_second
+        out[0, k], out[1, k], out[2, k] = value, first, second
 
 
 def _rate(polynomial: Any, half: Any) -> Any:
