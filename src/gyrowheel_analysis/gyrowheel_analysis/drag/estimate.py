@@ -336,7 +336,7 @@ class DragEstimator:
     def setpoint(self, stamp_ns: int, segment: int, phase: int, values: Sequence[float]) -> None:
         """Take a setpoint: tilt_x, tilt_y, their rates, spin rate and acceleration; stamps must ascend.
 
-        One that repeats the previous one changes nothing: a hold has one in every few samples.
+        One that repeats the previous one changes nothing; a hold has hundreds of them in a second.
         """
         content = segment, phase, *values
         if content != self._asked:

@@ -116,7 +116,7 @@ def recorded_holds(recording: Recording, model: Model) -> list[Estimate]:
     InputError
         If a reading without a substitute was never taken.
     """
-    # loads the optimisers of SciPy, which takes long, and the node does not need them
+    # takes long to load, and the node does not need it
     from gyrowheel_analysis.fitting.preparation import samples_of
 
     samples = samples_of(recording)

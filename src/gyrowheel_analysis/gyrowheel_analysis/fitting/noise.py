@@ -223,6 +223,8 @@ def _lowest(cost: Callable[[Array], float], start: Array, low: float, high: floa
         for i, j in itertools.combinations(range(len(x)), 2):
             both = cost(x + every[i] + every[j]) - up[i] - up[j] + here
             bend[i, j] = bend[j, i] = both / _DIFFERENCE**2
+        if not np.isfinite(bend).all():
+            break  # absurd readings: no direction is better than another
         free = ~((x <= low) & (slope > 0.0) | (x >= high) & (slope < 0.0))
         size, axes = np.linalg.eigh(bend[np.ix_(free, free)])
         step = np.zeros(len(x))
