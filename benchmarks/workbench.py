@@ -15,10 +15,11 @@ import tempfile
 import threading
 import time
 import venv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ PEER = "plotly-resampler"
 _PEER_PACKAGES = ("plotly-resampler==0.11.1",)
 _POINTS = 2000  # per line, for both
 _PATIENCE = 600.0  # s
+_LISTED = 500  # recordings in the list
 #: Parts of the recording that are shown in turn: middle and width, as fractions of its length.
 _ZOOMS = tuple(
     (0.2 + 0.6 * (7 * k % 10) / 10, width)
@@ -113,23 +115,21 @@ def measured(folder: Path, lengths: tuple[str, str], progress: Callable[[float],
     MeasurementError
         If there is no browser, or a server does not answer.
     """
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        raise MeasurementError("needs Chromium, which is not installed")
     for part, length in enumerate(lengths):
         place = folder / f"run{part}" / "run"
         if not place.exists():
             record(place, plan(length), lambda done, part=part: progress(0.3 * part + 0.3 * done))  # type: ignore[misc]
-    with _browser(chromium) as browser:
-        ours = _look(folder / "run0", browser, progress)
-        shown = _diagnosis(folder / "run1", browser)
+    with browser() as window:
+        ours = _look(folder / "run0", window, progress)
+        shown = _diagnosis(folder / "run1", window)
+        listed = _listed(folder / "run1" / "run", window)
         progress(0.85)
-        peer = _peer(folder / "run0" / "run", browser)
-    return [_report(lengths, ours, shown, peer)]
+        peer = _peer(folder / "run0" / "run", window)
+    return [_report(lengths, ours, {"shown": shown, "listed": listed}, peer)]
 
 
 def _report(
-    lengths: tuple[str, str], ours: dict[str, Any], shown: float, peer: dict[str, Any] | str
+    lengths: tuple[str, str], ours: dict[str, Any], page: dict[str, float], peer: dict[str, Any] | str
 ) -> Report:
     other: dict[str, Any] = peer if isinstance(peer, dict) else {}
 
@@ -142,32 +142,35 @@ def _report(
         " peer, which is given the samples as arrays, from the start of its process. Zoom: from the change of the"
         f" span to the second frame after the new points are there, {len(_ZOOMS)} spans from all of it to a 30 000th."
         " Memory: the most that the server had by then.",
-        f"Diagnosis: {lengths[1]}, from its end in the server to the second frame with the verdict on the page.",
+        f"Diagnosis: {lengths[1]}, from its end in the server to the second frame with the verdict on the page."
+        f" Recordings in folders: from the call of the page to the second frame with {_LISTED}, median of five pages.",
+        f"Load average {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores.",
     ]
     if not other:
         notes.append(f"{PEER} was not measured: {peer}")
     return Report(
         "Workbench",
         [
-            Figure("opening", ours["opening"], "s", **beside("opening"), bar=Bar("<", 5.0)),
-            Figure("zoom, median", ours["median"], "ms", **beside("median"), bar=Bar("<", 250.0)),
+            Figure("opening", ours["opening"], "s", **beside("opening"), bar=Bar("<", 3.0)),
+            Figure("zoom, median", ours["median"], "ms", **beside("median"), bar=Bar("<", 150.0)),
             Figure("zoom, worst", ours["worst"], "ms", **beside("worst"), bar=Bar("<", 600.0)),
             Figure("bytes of a zoom, median", ours["bytes"], "kB", **beside("bytes")),
             Figure("memory", ours["memory"], "GB", **beside("memory"), bar=Bar("<", 2.0)),
             Figure("memory, compared with a model too", ours["compared"], "GB"),
             Figure("memory, kept after the comparison", ours["kept"], "GB"),
-            Figure("diagnosis shown after", shown, "s", bar=Bar("<", 1.0)),
+            Figure("diagnosis shown after", page["shown"], "s", bar=Bar("<", 1.0)),
+            Figure(f"{_LISTED} recordings listed", page["listed"], "s", bar=Bar("<", 1.0)),
         ],
         notes=notes,
     )
 
 
-def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict[str, Any]:
+def _look(folder: Path, window: Any, progress: Callable[[float], None]) -> dict[str, Any]:
     """Open a recording in the workbench and zoom into parts of it."""
     from playwright.sync_api import expect
 
-    with _serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (process, lines):
-        page = _page(browser, lines.after("page: "))
+    with serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (process, lines):
+        page = _page(window, lines.after("page: "))
         began = time.perf_counter()
         page.locator("button[data-do=open]").first.click()
         page.wait_for_selector("#plots[data-drawn]", timeout=1e3 * _PATIENCE)
@@ -179,7 +182,9 @@ def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict
         found = _zooms(page, lambda span: page.evaluate(_ZOOM, span), end, "/signal")
         memory = _most_memory(process.pid)
         progress(0.7)
+        page.locator("#steps [data-step=what]").click()
         page.locator("button[data-do=compare]").click()
+        page.locator("#steps [data-step=where]").click()
         page.wait_for_selector("#where canvas", timeout=1e3 * _PATIENCE)
         expect(page.locator("#job button")).to_have_count(0, timeout=1e3 * _PATIENCE)
         compared = _most_memory(process.pid)
@@ -191,19 +196,42 @@ def _look(folder: Path, browser: Any, progress: Callable[[float], None]) -> dict
     return found | memories | {"opening": opening, "samples": samples}
 
 
-def _diagnosis(folder: Path, browser: Any) -> float:
+def _listed(recording: Path, window: Any) -> float:
+    """Return the time from the call of the page to the second frame with many recordings in the list [s]."""
+    with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-") as name:
+        for k in range(_LISTED):
+            place = Path(name) / f"day{k // 20}" / f"run{k}"
+            place.mkdir(parents=True)
+            shutil.copy(recording / "metadata.yaml", place)
+        with serving([sys.executable, "-m", "benchmarks.workbench", name]) as (_, lines):
+            url = lines.after("page: ")
+            took = []
+            for _ in range(5):
+                page = window.new_page(viewport={"width": 1400, "height": 1000})
+                began = time.perf_counter()
+                page.goto(url, wait_until="commit")
+                page.wait_for_function(
+                    f"document.querySelectorAll('#part-recordings li').length >= {_LISTED}"
+                )
+                page.evaluate(_TWO_FRAMES)
+                took.append(time.perf_counter() - began)
+                page.close()
+            return median(took)
+
+
+def _diagnosis(folder: Path, window: Any) -> float:
     """Return the delay from the end of a diagnosis to its display [s]."""
-    with _serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (_, lines):
-        page = _page(browser, lines.after("page: "))
+    with serving([sys.executable, "-m", "benchmarks.workbench", str(folder)]) as (_, lines):
+        page = _page(window, lines.after("page: "))
         page.locator("button[data-do=open]").first.click()
         page.wait_for_selector("#plots[data-drawn]", timeout=1e3 * _PATIENCE)
-        page.locator("button[data-do=diagnose]").click()
+        page.locator("#part-verdict button[data-do=diagnose]").click()
         seen = page.evaluate(_SHOWN)
         page.close()
         return 1e-3 * seen - float(lines.after("diagnosed: "))
 
 
-def _peer(recording: Path, browser: Any) -> dict[str, Any] | str:
+def _peer(recording: Path, window: Any) -> dict[str, Any] | str:
     """Return the figures of the peer for the same samples; the reason if it cannot be installed."""
     from gyrowheel_recording.bags import Recording
 
@@ -237,9 +265,9 @@ def _peer(recording: Path, browser: Any) -> dict[str, Any] | str:
             str(_POINTS),
             *map(",".join, _LINES),
         ]
-        with _serving(command) as (process, _):
+        with serving(command) as (process, _):
             _await_port(port)
-            page = _page(browser, f"http://127.0.0.1:{port}/")
+            page = _page(window, f"http://127.0.0.1:{port}/")
             page.wait_for_function(
                 "document.querySelector('.js-plotly-plot')?.data?.length > 0", timeout=1e3 * _PATIENCE
             )
@@ -262,21 +290,25 @@ def _zooms(page: Any, zoom: Callable[[list[float]], float], end: float, answer: 
     return {"median": median(took), "worst": max(took), "bytes": 1e-3 * median(sizes) if sizes else 0.0}
 
 
-def _page(browser: Any, address: str) -> Any:
-    page = browser.new_page(viewport={"width": 1400, "height": 1000})
+def _page(window: Any, address: str) -> Any:
+    page = window.new_page(viewport={"width": 1400, "height": 1000})
     page.set_default_timeout(1e3 * _PATIENCE)
     page.goto(address)
     return page
 
 
 @contextmanager
-def _browser(chromium: str) -> Iterator[Any]:
+def browser() -> Iterator[Any]:
+    """Yield a browser without a window; MeasurementError if there is none."""
     from playwright.sync_api import sync_playwright
 
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        raise MeasurementError("needs Chromium, which is not installed")
     with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        yield browser
-        browser.close()
+        window = play.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield window
+        window.close()
 
 
 class _Lines:
@@ -316,13 +348,16 @@ class _Lines:
 
 
 @contextmanager
-def _serving(command: list[str]) -> Iterator[tuple[subprocess.Popen[str], _Lines]]:
+def serving(
+    command: list[str], environment: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[tuple[subprocess.Popen[str], _Lines]]:
+    """Run a server during a block; yield its process and its lines."""
     process = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1"},
+        env={**os.environ, **environment, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1"},
     )
     try:
         yield process, _Lines(process)

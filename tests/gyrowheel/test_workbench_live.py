@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import shutil
 import threading
@@ -17,12 +18,40 @@ from gyrowheel.workbench.benches import LiveBenches
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.session import Session
+from gyrowheel.workbench.trace import BIN_NS, KEPT, ROW, Trace
 from gyrowheel_core import topics, wire
 from gyrowheel_core.surroundings import prepare_environment
+from gyrowheel_core.units import DEG, RPM
 
 from ..domains import next_domain
 from .conftest import Wheel
 from .helpers import ask, write
+
+
+def sample(stamp_ns: int, tilt_x: float) -> bytes:
+    """Return a serialized measurement."""
+    return wire.MEASUREMENT.pack(stamp_ns, 1, tilt_x, *[0.5] * 10)
+
+
+def test_the_trace_of_a_bench_keeps_the_extremes_of_each_bin_for_a_minute() -> None:
+    trace, low, high = Trace(), ROW.index("low tilt_x"), ROW.index("high tilt_x")
+    assert trace.since(-1)["rows"] == []
+    trace.set(7 * BIN_NS, 0.0, 0.0, 100.0 * RPM)
+    trace.take([sample(7 * BIN_NS, 2.0 * DEG), sample(7 * BIN_NS + 9, 5.0 * DEG), b"of another program"])
+    trace.take([sample(7 * BIN_NS + 10, -1.0 * DEG), sample(9 * BIN_NS, float("nan"))])  # bin 8 is missing
+    piece = trace.since(-1)
+    assert (piece["first"], piece["next"]) == (7, 9)  # bin 9 may not be complete
+    assert [(row[low], row[high], row[-1]) for row in piece["rows"]] == [(-1.0, 5.0, 100.0), (None,) * 3]
+    trace.take([sample(10 * BIN_NS, 0.0)])
+    assert [row[low] for row in trace.since(9)["rows"]] == [None]
+    size = trace._rows.nbytes
+    trace.take([sample(k * BIN_NS, float(k)) for k in range(11, 2 * KEPT)])
+    assert len(trace.since(-1)["rows"]) == KEPT - 1
+    assert trace._rows.nbytes == size
+    # a bench that begins again, at its time zero
+    trace.take([sample(0, 3.0 * DEG), sample(BIN_NS, 0.0)])
+    piece = trace.since(2 * KEPT - 1)
+    assert (piece["first"], [row[low] for row in piece["rows"]]) == (0, [3.0])
 
 
 def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
@@ -71,13 +100,27 @@ def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
                 assert state["live"][key]["title"] == title
                 words = f"{len(holds)} holds; segment 3, hold: tilt 2.9, 0.0 °, 3500 rpm"
                 assert words in state["live"][key]["words"]
-                assert f"<b>{title}</b>" in state["parts"]["recordings"]
+                assert f"<b>{title}</b>" in state["parts"]["live"]
                 own = found[key]
                 assert own["hold"] == [e.segment for e in holds]
                 assert own["actuators"][2]["torque"]["predicted"] == pytest.approx(
                     [1e3 * e.simulated_torque[2] for e in holds]
                 )
             assert list(live.runs) == ["live", "live/bench2"]
+            # its signals are received while somebody watches
+            samples = bench.create_publisher(
+                topics.MEASUREMENT.message_class, topics.MEASUREMENT.within("/bench2"), topics.MEASUREMENT.qos
+            )
+            assert ask(server, "/live?key=live/bench9")[0] == 422
+            with live.watching("live/bench2") as trace:
+                stamps = itertools.count(0, BIN_NS)
+                until(
+                    lambda: samples.publish(sample(next(stamps), 0.1)),
+                    lambda: len(trace.since(-1)["rows"]) > 5,
+                )
+                assert trace.since(-1)["rows"][0][0] == pytest.approx(0.1 / DEG, rel=1e-5)
+            until(lambda: None, lambda: not samples.get_subscription_count())
+            assert not samples.get_subscription_count()
     finally:
         bench.destroy_node()
         context.try_shutdown()

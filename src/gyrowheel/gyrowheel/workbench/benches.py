@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import shlex
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,7 @@ from typing import Any
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.api import Recording, machine_options, note_machine, noted_machine
 from gyrowheel.simulation.api import simulate
+from gyrowheel.workbench.trace import Trace
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import HOLD, Plan
 from gyrowheel_core import topics, wire
@@ -23,7 +26,9 @@ from gyrowheel_core.units import DEG, RPM
 
 #: Key of a running bench among the recordings: this, and its namespace.
 KEY = "live"
-_PACE = 0.3  # s between two readings of the messages
+_PACE = 0.3  # s between two readings of the messages, and between two changes
+#: Time between two readings while the signals are watched [s], and between two pieces of the stream.
+FRAME = 1.0 / 40.0
 _LOOK = 1.0  # s between two searches for benches
 _SILENT = 5.0  # s without a message after which a bench counts as stopped
 _MOST_HOLDS = 5000
@@ -141,6 +146,9 @@ class LiveBenches:
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._heard: dict[str, float] = {}
         self._runs: dict[str, Running] = {}
+        self._traces: dict[str, Trace] = {}
+        self._watched = Counter[str]()
+        self._lock = threading.Lock()
         self.missing = ""
 
     @property
@@ -157,6 +165,26 @@ class LiveBenches:
         """Stop listening; the benches go on."""
         self._end.set()
         self._thread.join(10.0)
+
+    @contextlib.contextmanager
+    def watching(self, key: str) -> Iterator[Trace]:
+        """Receive the signals of a running bench during a block; InputError if it does not run.
+
+        Without a watcher they are not received: that costs the bench nothing.
+        """
+        if key not in self.runs:
+            raise InputError(f"bench {key[:60]!r}: does not run")
+        namespace = key.removeprefix(KEY)
+        with self._lock:
+            self._watched[namespace] += 1
+            trace = self._traces.setdefault(namespace, Trace())
+        try:
+            yield trace
+        finally:
+            with self._lock:
+                self._watched[namespace] -= 1
+                if not self._watched[namespace]:
+                    del self._watched[namespace], self._traces[namespace]
 
     def walk(
         self, key: str, plan: str, folder: Path, progress: Callable[[float], None], ended: Callable[[], bool]
@@ -193,21 +221,33 @@ class LiveBenches:
             return
         takers = {topics.SETPOINT: self._take_setpoint, topics.DRAG_ESTIMATE: self._take_estimate}
         with listening("workbench", tuple(takers), self._domain) as ear:
-            looked, there = -math.inf, set[str]()
-            while not self._end.wait(_PACE):
-                before, now = self._runs.copy(), time.monotonic()
+            looked, told, there = -math.inf, -math.inf, set[str]()
+            before: dict[str, Running] = {}
+            while not self._end.wait(FRAME if self._watched else _PACE):
+                now = time.monotonic()
+                with self._lock:
+                    traces = self._traces.copy()
+                ear.follow(topics.MEASUREMENT, traces.keys())
                 if now - looked > _LOOK:
                     there, looked = ear.look(), now
                     for namespace in there - self._runs.keys():
                         self._runs[namespace] = Running(_NEVER, _NEVER, namespace=namespace)
+                samples = defaultdict[str, list[bytes]](list)
                 for namespace, topic, data in ear.messages():
                     self._heard[namespace] = now
-                    takers[topic](namespace, data)
+                    if topic is topics.MEASUREMENT:
+                        samples[namespace].append(data)
+                    else:
+                        takers[topic](namespace, data)
+                for namespace, some in samples.items():
+                    if (trace := traces.get(namespace)) is not None:
+                        trace.take(some)
                 for namespace, own in self._runs.items():
                     quiet = now - self._heard.get(namespace, -math.inf) > _SILENT
                     silent = quiet and namespace not in there
                     self._runs[namespace] = replace(own, silent=silent)
-                if self._runs != before:
+                if now - told >= _PACE and self._runs != before:
+                    before, told = self._runs.copy(), now
                     self._changed()
 
     def _take_setpoint(self, namespace: str, data: bytes) -> None:
@@ -217,6 +257,8 @@ class LiveBenches:
             return
         x, y, _, _, spin, _ = values
         self._runs[namespace] = replace(self._at(namespace, stamp), asked=(segment, phase, x, y, spin))
+        if (trace := self._traces.get(namespace)) is not None:
+            trace.set(stamp, x, y, spin)
 
     def _take_estimate(self, namespace: str, data: bytes) -> None:
         try:

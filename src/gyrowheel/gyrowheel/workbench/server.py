@@ -28,11 +28,13 @@ from tornado.web import Application, HTTPError, RequestHandler, stream_request_b
 from gyrowheel.report.page import POLICY
 from gyrowheel.show.html import style_sheet
 from gyrowheel.workbench import pictures, views, windows
+from gyrowheel.workbench.benches import FRAME
 from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, json_text
 from gyrowheel_core.origin_guard import host_names, in_url, is_loopback, refusal
+from gyrowheel_core.wire import SECOND
 from gyrowheel_recording.bags import load_loops
 
 _LARGEST = 1 << 20  # largest request [bytes]
@@ -40,6 +42,7 @@ _PATIENCE = 60.0  # s for the head of a request, and between two of a connection
 _MOST_CONNECTIONS = 200
 _NO_ROOM = 0.05  # s until a connection is tried again that found no free descriptor
 _BEAT = 15.0  # s between heartbeats to a waiting page
+_BEAT_FRAMES = 40  # pieces of a stream without a sample after which an empty one is sent
 _PARTING = 0.1  # s in which waiting pages learn of the end
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -226,6 +229,27 @@ async def _beats(changed: asyncio.Event) -> AsyncIterator[None]:
         except TimeoutError:
             pass
         yield
+
+
+class _Live(_Guarded):
+    """Streams the signals of a running bench to a page, for as long as it listens."""
+
+    async def get(self) -> None:
+        key, live = self.get_query_argument("key"), self.session.live
+        with live.watching(key) as trace:
+            self.set_header("Content-Type", "text/event-stream")
+            place, silent = -1, 0
+            with contextlib.suppress(StreamClosedError):
+                while not self.session.closed:
+                    piece = trace.since(place)
+                    silent = 0 if piece["rows"] else silent + 1
+                    if piece["rows"] or silent % _BEAT_FRAMES == 1:  # a page that is gone is found by writing
+                        start = live.runs[key].start_ns
+                        piece["zero"] = start / SECOND if start >= 0 else None
+                        self.write(f"data: {json.dumps(piece, separators=(',', ':'))}\n\n")
+                        await self.flush()
+                    place = piece["next"]
+                    await asyncio.sleep(FRAME)
 
 
 class _Signal(_Guarded):
@@ -430,6 +454,7 @@ def application(session: Session, access: Access) -> Application:
         (r"/login", _Login),
         (r"/(state|found|heard|sample|motion)", _Content),
         (r"/events", _Events),
+        (r"/live", _Live),
         (r"/signal", _Signal),
         (r"/report", _Report),
         (r"/table", _Table),

@@ -23,9 +23,11 @@ from gyrowheel.workbench.library import ROLES, Opened
 from gyrowheel.workbench.report import MODEL
 from gyrowheel.workbench.session import NO_BENCH, Session
 from gyrowheel.workbench.tables import LARGEST
+from gyrowheel.workbench.trace import BIN_NS, KEPT, ROW, SETPOINTS
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.quantities import fixed
 from gyrowheel_core.units import DEG, RPM, unit_for
+from gyrowheel_core.wire import SECOND
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.quantities import QUANTITIES
 
@@ -114,6 +116,7 @@ def page() -> str:
             ],
             largest=LARGEST,
             uses=USED,
+            trace={"bin": BIN_NS / SECOND, "kept": KEPT, "row": [*ROW, *SETPOINTS]},
         )
     )
 
@@ -204,8 +207,11 @@ def _recordings(session: Session) -> dict[str, Any]:
         "more": more,
         "roles": ROLES,
         "busy": session.job is not None,
-        "running": session.live.runs,
     }
+
+
+def _live(session: Session) -> dict[str, Any]:
+    return {"running": session.live.runs}
 
 
 def _ranges(uses: Sequence[Mapping[str, Any]]) -> str:
@@ -402,6 +408,7 @@ def _simulated(session: Session) -> bool:
 _CONTENT = {
     "bar": _bar,
     "verdict": _verdict,
+    "live": _live,
     "recordings": _recordings,
     "table": _table,
     "missing": _missing,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import rclpy
 from rclpy.context import Context
@@ -74,6 +74,7 @@ class Listener:
     def __init__(self, node: Node, wanted: Sequence[Topic]) -> None:
         self._node, self._topics = node, wanted
         self._inboxes: dict[str, list[Inbox]] = {}
+        self._followed: dict[str, Inbox] = {}
 
     def look(self) -> set[str]:
         """Subscribe to benches that have come since the last call; return the namespaces that have one now."""
@@ -85,25 +86,31 @@ class Listener:
             if name.endswith(topic.name) and topic.type_name in types and self._node.count_publishers(name)
         }
         for namespace in sorted(found - self._inboxes.keys())[: _MOST - len(self._inboxes)]:
-            self._inboxes[namespace] = [
-                Inbox(
-                    topic,
-                    self._node.create_subscription(
-                        topic.message_class,
-                        topic.within(namespace),
-                        lambda message: None,
-                        topic.qos,
-                        raw=True,
-                    ),
-                )
-                for topic in self._topics
-            ]
+            self._inboxes[namespace] = [self._inbox(topic, namespace) for topic in self._topics]
         return found & self._inboxes.keys()
+
+    def follow(self, topic: Topic, namespaces: Collection[str]) -> None:
+        """Receive one more topic of some benches, and of no others any more."""
+        for namespace in self._followed.keys() - set(namespaces):
+            self._node.destroy_subscription(self._followed.pop(namespace).subscription)
+        for namespace in set(namespaces) - self._followed.keys():
+            self._followed[namespace] = self._inbox(topic, namespace)
+
+    def _inbox(self, topic: Topic, namespace: str) -> Inbox:
+        """Return a new subscription."""
+        name = topic.within(namespace)
+        return Inbox(
+            topic,
+            self._node.create_subscription(
+                topic.message_class, name, lambda message: None, topic.qos, raw=True
+            ),
+        )
 
     def messages(self) -> Iterator[tuple[str, Topic, bytes]]:
         """Take the messages that have arrived: namespace of the bench, topic, and serialized message."""
         for namespace, inboxes in self._inboxes.items():
-            for inbox in inboxes:
+            more = self._followed.get(namespace)
+            for inbox in inboxes if more is None else (*inboxes, more):
                 for data in inbox.take():
                     yield namespace, inbox.topic, data
 

@@ -7,7 +7,7 @@ const KEPT = "gyrowheel-layout-1"; // another number when older arrangements do 
 const LEAST = 0.12; // of the room, for a column or a stack
 const FINE = 0.03; // of the room, a step of a border by key
 const STEPS = {
-  look: [[3, [1, "signals"]], [2, [1, "rotor"], [1, "holds"]]],
+  look: [[3, [1, "signals", "live"]], [2, [1, "rotor"], [1, "holds"]]],
   where: [[1, [3, "where"], [2, "map"]], [1, [1, "signals"], [1, "chosen", "residual"]]],
   what: [[1, [1, "missing", "coefficients", "formula"]], [1, [1, "residual", "where", "map"], [1, "signals", "chosen"]]],
   proof: [[1, [1, "error"], [1, "holds", "coefficients"]], [1, [1, "residual"], [1, "where", "signals"]]],

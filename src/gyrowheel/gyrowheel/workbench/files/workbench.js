@@ -3,6 +3,7 @@
 
 import { ask, at, dark, element, hear, now, remember, remembered, send, tell, troubleField } from "./shared.js";
 import "./layout.js";
+import { showLive } from "./live.js";
 import { redraw, showFound, showSignals } from "./signals.js";
 import { showPredicted } from "./predicted.js";
 import { showWindows } from "./windows.js";
@@ -91,6 +92,7 @@ async function show() {
   showCoefficients();
   showFall();
   showRotor();
+  showLive();
 }
 
 // Writes the parts that have changed; not between the press and the release of a click, which would be lost.
