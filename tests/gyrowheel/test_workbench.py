@@ -899,3 +899,42 @@ def test_the_verb_refuses_bad_input(gyrowheel: Shell, tmp_path: Path, server: Se
         result = gyrowheel("workbench", *arguments)
         assert result.code == 2
         assert words in result.err
+
+
+def test_a_derived_channel_is_drawn_with_its_unit_and_the_residual_over_it(wheel: Wheel) -> None:
+    session = Session(Library([wheel.recording.parent]), gw.Model())
+    session.open("0/drag", "fitted")
+    session.wait(240.0)
+    with Server(session, port=0) as server:
+
+        def refusal(text: str) -> str:
+            return str(json.loads(ask(server, "/do/derived", {"text": text})[1])["refused"])
+
+        assert "their units differ" in refusal("V_x + t")
+        assert "take re(...)" in refusal("z*V_x")
+        assert "z_rate is not measured" in refusal("re(z_rate)")
+        assert "column 5" in refusal("V_x*Omgea")
+        assert json.loads(ask(server, "/do/derived", {"text": "V_x*i_motor"})[1]) == {"unit": "V·A"}
+        text = "Omega^2*abs(z)"
+        assert ask(server, "/do/derive", {"text": text})[0] == 200
+        assert json.loads(ask(server, "/state")[1])["derived"] == [
+            {"name": text, "title": f"{text}, rad³/s²"}
+        ]
+        rows = session.opened["0/drag"].recording.measurement
+        expected = rows["spin_rate"] ** 2 * np.hypot(np.tan(rows["tilt_x"]), np.tan(rows["tilt_y"]))
+        shown = json.loads(ask(server, "/sample?key=0/drag&time=1.0")[1])
+        place = int(np.flatnonzero(rows["sequence"] == shown["sample"])[0])
+        assert shown["values"][-1] == pytest.approx(expected[place])
+        session.compare()
+        session.wait(240.0)
+        found = json.loads(ask(server, "/found")[1])
+        w = found["windows"]
+        assert found["variables"][-1]["variable"] == text
+        time = session.opened["0/drag"].recording.time
+        first = (time >= w["start"][0]) & (time < w["start"][0] + w["duration"][0])
+        assert w["over"][text][0] == pytest.approx(expected[first].mean(), rel=1e-3)
+        for k in range(5):
+            answer = ask(server, "/do/derive", {"text": f"t*{k + 1}"})
+        assert "4 are shown" in json.loads(answer[1])["error"]
+        ask(server, "/do/underive", {"text": text})
+        assert text not in json.loads(ask(server, "/found")[1])["windows"]["over"]

@@ -68,7 +68,7 @@ class Envelope:
     """A signal with the extremes of its blocks, from which any part is drawn without delay; NaN is ignored."""
 
     def __init__(self, values: Array, extremes: tuple[Array, Array] | None = None) -> None:
-        self._values = values
+        self.values = values
         self._low, self._high = extremes or _extremes([values], len(values))[0]
 
     def cut(self, first: int, last: int, points: int) -> tuple[Array, Array]:
@@ -77,14 +77,12 @@ class Envelope:
         Positions [samples] and values, shape (m,): the samples themselves if they are few, else smallest and largest
         value of every interval, at its beginning and its middle. Positions depend on the arguments alone.
         """
-        first, last = max(first, 0), min(last, len(self._values))
+        first, last = max(first, 0), min(last, len(self.values))
         count = last - first
         if count <= points:
-            return np.arange(first, max(last, first), dtype=np.float64), self._values[
-                first : max(last, first)
-            ]
+            return np.arange(first, max(last, first), dtype=np.float64), self.values[first : max(last, first)]
         buckets = points // 2
-        unit, low, high = 1, self._values, self._values
+        unit, low, high = 1, self.values, self.values
         if count >= buckets * _DIRECT:
             unit, low, high = _BLOCK, self._low, self._high
             first, last = first // unit, -(-last // unit)
@@ -140,6 +138,7 @@ class Opened:
     setpoints: Mapping[str, Envelope]
     described: bool = False
     parts: dict[Range, Recording] = field(default_factory=dict, compare=False)  # as they were cut
+    derived: dict[str, Envelope] = field(default_factory=dict, compare=False)  # by their formulas
 
     def uses(self, ranges: Sequence[Range] = ()) -> tuple[Range, ...]:
         """Return the uses of the whole recording in order of time, with some ranges; the rest has its role."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -46,24 +47,34 @@ def signal(session: Session, key: str, begin: float, end: float, points: int) ->
 
     Two little-endian blocks, measurement and setpoints. Each has the number of points and their times [s] as float64,
     then the values as float32 for each column of the panels in its unit (of the setpoints: existing columns only),
-    padded with zeros to a multiple of 8 bytes.
+    padded with zeros to a multiple of 8 bytes. The measurement ends with the derived channels.
     """
     own = _opened(session, key)
     _require_span(begin, end)
     data = own.recording.data
     asked = min(max(points, 4), _MOST_POINTS)
-    blocks = _block(own.signals, own.recording.time, begin, end, asked)
+    derived = session.derived_of(own)
+    blocks = _block(
+        {**own.signals, **derived}, own.recording.time, begin, end, asked, dict.fromkeys(derived, 1.0)
+    )
     if len(data.setpoint):
         times = data.seconds(data.setpoint["stamp_ns"])
         return blocks + _block(own.setpoints, times, begin, end, min(asked, _SETPOINT_POINTS))
     return blocks + np.zeros(1, "<f8").tobytes()
 
 
-def _block(signals: Mapping[str, Envelope], times: Array, begin: float, end: float, points: int) -> bytes:
+def _block(
+    signals: Mapping[str, Envelope],
+    times: Array,
+    begin: float,
+    end: float,
+    points: int,
+    more: Mapping[str, float] = MappingProxyType({}),
+) -> bytes:
     first, last = np.searchsorted(times, [begin, end])
     first, last = max(int(first) - 1, 0), min(int(last) + 1, len(times))
     parts: list[bytes] = []
-    for name, size in columns():
+    for name, size in (*columns(), *more.items()):
         if name in signals:
             places, values = signals[name].cut(first, last, points)
             if not parts:
@@ -94,7 +105,10 @@ def sample(session: Session, key: str, time: float) -> dict[str, Any]:
     return {
         "sample": int(row["sequence"]),
         "time": float(times[k]),
-        "values": [float(row[name]) / size for name, size in columns()],
+        "values": [
+            *(float(row[name]) / size for name, size in columns()),
+            *(float(each.values[k]) for each in session.derived_of(own).values()),
+        ],
     }
 
 
@@ -136,6 +150,7 @@ def found(session: Session) -> dict[str, Any]:
         "facts": session.facts,
         "windows": windows.windows(session),
         "maps": windows.maps(session),
+        "variables": windows.variables(session),
         "residuals": residuals(session),
         "models": session.model_files(),
         "estimates": coefficients.shown(session.step.estimates),

@@ -29,6 +29,7 @@ from gyrowheel.report.page import POLICY
 from gyrowheel.show.html import style_sheet
 from gyrowheel.workbench import pictures, views, windows
 from gyrowheel.workbench.benches import FRAME
+from gyrowheel.workbench.derived import channel
 from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
@@ -387,7 +388,10 @@ class _Action(_Guarded):
             "estimate": session.estimate,
             "profile": lambda: session.profile(given["name"]),
             "remove": lambda: session.remove(given["what"]),
-            "formula": lambda: _checked(session, given["text"]),
+            "formula": lambda: _checked(lambda: views.formula(session, given["text"])),
+            "derived": lambda: _checked(lambda: {"unit": channel(given["text"]).unit}),
+            "derive": lambda: session.derive(given["text"]),
+            "underive": lambda: session.underive(given["text"]),
             "region": lambda: windows.region(session, _numbers(given["windows"])),
             "add_formula": lambda: session.add(given["text"], formula=True),
             "test": lambda: session.test(given["plan"], given.get("bench", "")),
@@ -416,10 +420,10 @@ def _numbers(text: str) -> list[int]:
         raise InputError(f"windows: {text[:40]!r} are no numbers") from None
 
 
-def _checked(session: Session, text: str) -> dict[str, Any]:
+def _checked(read: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     """Return the parsed formula, or the reason why it is refused: a question is no error."""
     try:
-        return views.formula(session, text)
+        return read()
     except InputError as error:
         return {"refused": str(error)}
 

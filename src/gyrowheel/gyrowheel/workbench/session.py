@@ -23,8 +23,9 @@ from gyrowheel.recordings.api import Recording
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
 from gyrowheel.workbench.coefficients import Estimates
+from gyrowheel.workbench.derived import MOST, Channel, channel
 from gyrowheel.workbench.jobs import Jobs, Work
-from gyrowheel.workbench.library import ROLES, USES, Library, Opened, Range, Role, Use, with_range
+from gyrowheel.workbench.library import ROLES, USES, Envelope, Library, Opened, Range, Role, Use, with_range
 from gyrowheel.workbench.report import report_page
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError, nearest
@@ -85,6 +86,7 @@ class Session(Jobs):
         self.kept = model  # in its file
         self.report: str | None = None  # on the latest diagnosis, once written
         self.table: tables.Draft | None = None
+        self.derived: list[Channel] = []
         self.others: dict[str, Comparison] = {}  # of the models of files, by their names
         self.closed = False
         self.live = LiveBenches(self.changed)
@@ -118,6 +120,35 @@ class Session(Jobs):
             for own in list(self.opened.values())
             for part in own.of_use(use, ranges.get(own.key, ()))
         ]
+
+    def derive(self, text: str) -> None:
+        """Show a derived channel with the signals, and as a variable of the residual."""
+        own = channel(text)
+        with self.lock:
+            if own not in self.derived:
+                if len(self.derived) == MOST:
+                    raise InputError(f"derived channel: {MOST} are shown; remove one first")
+                self.derived = [*self.derived, own]
+                self.facts += 1
+        self.changed()
+
+    def underive(self, text: str) -> None:
+        """Remove a derived channel."""
+        with self.lock:
+            self.derived = [own for own in self.derived if own.text != text]
+            for recording in self.opened.values():
+                recording.derived.pop(text, None)
+            self.facts += 1
+        self.changed()
+
+    def derived_of(self, own: Opened) -> dict[str, Envelope]:
+        """Return the derived channels of an open recording by their formulas, each computed once."""
+        found = {}
+        for each in self.derived:
+            if each.text not in own.derived:
+                own.derived[each.text] = each.envelope(own.recording, self.step.model.bench)
+            found[each.text] = own.derived[each.text]
+        return found
 
     # --- work
 

@@ -19,6 +19,7 @@ from gyrowheel.show.html import Cells, declared, environment, label, style_sheet
 from gyrowheel.show.sentences.diagnosis import purpose
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel.workbench.benches import SimulatedBench
+from gyrowheel.workbench.derived import NAMES
 from gyrowheel.workbench.library import ROLES, Opened
 from gyrowheel.workbench.report import MODEL
 from gyrowheel.workbench.session import NO_BENCH, Session
@@ -78,6 +79,7 @@ def state(session: Session) -> dict[str, Any]:
             }
             for own in opened
         ],
+        "derived": [{"name": own.text, "title": own.title} for own in session.derived],
         "facts": session.facts,
         # version of the drawn holds of running benches: not their position, which changes all the time
         "heard": [
@@ -116,6 +118,8 @@ def page() -> str:
             ],
             largest=LARGEST,
             uses=USED,
+            names=NAMES,
+            quantities={name: own.unit for name, own in QUANTITIES.items()},
             trace={"bin": BIN_NS / SECOND, "kept": KEPT, "row": [*ROW, *SETPOINTS]},
         )
     )

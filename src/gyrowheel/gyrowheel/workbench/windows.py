@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.comparison.picture import arrows, axis_title, cell_label
 from gyrowheel.show.sentences.residuals import region_description, region_name
+from gyrowheel.workbench.derived import Channel
 from gyrowheel.workbench.library import ROLES
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
@@ -47,7 +48,8 @@ def windows(session: Session) -> dict[str, Any] | None:
         "speed": (w.mean_spin / RPM).round(1).tolist(),
         "tilt_x": (np.real(w.mean_tilt) / DEG).round(4).tolist(),
         "tilt_y": (np.imag(w.mean_tilt) / DEG).round(4).tolist(),
-        "over": {name: _shown(name, values_of(w, name)) for name in VARIABLES},
+        "over": {name: _shown(name, values_of(w, name)) for name in VARIABLES}
+        | {own.text: _means(session, own, keys, data) for own in session.derived},
         "residual_x": (np.real(values) / unit.size).tolist(),
         "residual_y": (np.imag(values) / unit.size).tolist(),
         "of_coils": tilt is not None,
@@ -116,6 +118,23 @@ def maps(session: Session) -> list[dict[str, Any]]:
         }
         for variable in VARIABLES
     ]
+
+
+def variables(session: Session) -> list[dict[str, str]]:
+    """Return the variables over which windows are drawn, with their titles: those of the maps, and derived channels."""
+    own = [{"variable": name, "title": axis_title(name)} for name in VARIABLES]
+    return own + [{"variable": each.text, "title": each.title} for each in session.derived]
+
+
+def _means(session: Session, own: Channel, keys: Sequence[str], data: WindowResiduals) -> list[float]:
+    """Return the mean of a derived channel in every window."""
+    w, found = data.windows, np.full(len(data.windows), np.nan)
+    for number, key in enumerate(keys):
+        opened, mine = session.opened[key], np.flatnonzero(data.recording == number)
+        values = session.derived_of(opened)[own.text].values
+        ends = np.searchsorted(opened.recording.time, [w.start[mine], w.start[mine] + w.duration[mine]])
+        found[mine] = [float(np.mean(values[a:b])) if b > a else np.nan for a, b in ends.T]
+    return [float(f"{value:.7g}") for value in found]
 
 
 def members(data: WindowResiduals, variable: str, cell: Cell) -> NDArray[np.bool_]:

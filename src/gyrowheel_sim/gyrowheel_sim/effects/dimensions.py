@@ -158,15 +158,24 @@ def check_unit(formula: Formula, units: Mapping[str, str | None], wanted: str | 
     fits. Raises InputError if units do not match; the message has the place, the part of the formula, and
     both units.
     """
-    known = {name: Unit.of(q.unit) for name, q in QUANTITIES.items()}
-    known |= {name: Unit({_UNKNOWN: Fraction(1)}) if u is None else Unit.of(u) for name, u in units.items()}
-    checker = _Checker(formula, known)
+    checker = _checker(formula, units)
     found = checker.unit(formula.node)
     target = Unit.of(wanted) if isinstance(wanted, str) else wanted
     if found is not None and not checker.same(found, target):
         raise formula.error(
             formula.node, f"'{formula.shown(formula.node)}' has the unit {found}; {target} is needed"
         )
+
+
+def unit_of(formula: Formula, units: Mapping[str, str | None]) -> Unit:
+    """Return the unit that a formula has, with the units of the coefficients in it; InputError if units differ."""
+    return _checker(formula, units).unit(formula.node) or Unit()
+
+
+def _checker(formula: Formula, units: Mapping[str, str | None]) -> _Checker:
+    known = {name: Unit.of(q.unit) for name, q in QUANTITIES.items()}
+    known |= {name: Unit({_UNKNOWN: Fraction(1)}) if u is None else Unit.of(u) for name, u in units.items()}
+    return _Checker(formula, known)
 
 
 class _Checker:

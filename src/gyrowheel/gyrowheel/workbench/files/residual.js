@@ -52,7 +52,7 @@ export function showResidual(again = false) {
     if (rows[row]?.channel !== channel) row = Math.max(rows.findIndex((own) => own.channel === channel), 0);
     at("residual-row").replaceChildren(...rows.map((own, k) => element("option", own.title, { value: String(k) })));
     const angle = rows.some((own) => own.order) ? [["angle", "shaft angle"]] : [];
-    const names = [...(now.found?.maps ?? []).map((own) => [own.variable, own.title.split(", ")[0]]), ...angle];
+    const names = [...(now.found?.variables ?? []).map((own) => [own.variable, own.title.split(", ")[0]]), ...angle];
     at("residual-over").replaceChildren(...names.map(([value, title]) => element("option", title, { value })));
     if (!names.some(([name]) => name === over)) over = "time";
   }
@@ -143,7 +143,7 @@ function against(own) {
     },
   });
   const range = new Bokeh.DataRange1d();
-  const title = now.found.maps.find((each) => each.variable === over).title;
+  const title = now.found.variables.find((each) => each.variable === over).title;
   // what is left gets most of the room
   const above = figure({ sizing_mode: "stretch_width", height: 70, x_range: range, title: `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
   above.left[0].ticker.desired_num_ticks = 2;

@@ -81,6 +81,14 @@ export function legible(colour) {
   return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000000" : "#ffffff";
 }
 
+// Offers the names that begin as the last word of a formula does, each with its unit.
+export function complete(field, list, names) {
+  const [word] = field.value.match(/[A-Za-z_]\w*$/) ?? [""];
+  const before = field.value.slice(0, field.value.length - word.length);
+  const fit = word ? Object.entries(names).filter(([name]) => name.startsWith(word) && name !== word) : [];
+  list.replaceChildren(...fit.map(([name, unit]) => element("option", `${name}, ${unit}`, { value: before + name })));
+}
+
 // A number in digits, without the sign of what is rounded to nothing.
 export const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "");
 

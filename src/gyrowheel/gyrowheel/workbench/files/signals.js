@@ -1,9 +1,12 @@
 // The signals of a recording over time: measured, asked for and predicted; zoom, pan, and the sample at the cursor.
 
-import { P, ask, at, colours, css, element, hear, now, put, remember, remembered, say, themed } from "./shared.js";
+import { P, ask, at, colours, complete, css, element, hear, now, put, remember, remembered, say, send, tell, themed } from "./shared.js";
 
 const POINTS = 2000;
-const PANELS = JSON.parse(at("plots").dataset.panels);
+const MEASURED = JSON.parse(at("plots").dataset.panels);
+const NAMES = JSON.parse(at("derive").dataset.names);
+// The panels of the recording: what is measured, and derived channels.
+const panels = () => [...MEASURED, ...now.state.derived.map(({ name, title }) => ({ title, columns: [{ name, label: name }] }))];
 
 let own = null; // the recording that is shown
 let figures = [];
@@ -39,7 +42,9 @@ export async function showSignals() {
   }
   press();
   showRanges();
-  at("readout").hidden = at("keys").hidden = at("range-mark").hidden = !signals.length;
+  await showDerived();
+  at("readout").hidden = at("keys").hidden = at("range-mark").hidden = at("derive-show").hidden = !signals.length;
+  if (!signals.length) at("derive-form").hidden = true;
   if (!signals.length && now.state.job?.title.startsWith("opening ")) {
     if (!figures.length) draw(); // while a recording is read: its lines are to come soon
     at("span").textContent = "";
@@ -84,8 +89,9 @@ function draw() {
   const spans = () => new Bokeh.ColumnDataSource({ data: { x0: [], x1: [] } });
   marks = { windows: spans(), events: spans(), predict: spans(), out: spans(), range: spans() };
   const [ink, soft] = [css("--ink"), css("--soft")];
-  figures = PANELS.map((panel, k) => {
-    const last = k === PANELS.length - 1;
+  const all = panels();
+  figures = all.map((panel, k) => {
+    const last = k === all.length - 1;
     const figure = P.figure({
       height: last ? 90 : 60, min_height: last ? 84 : 36, sizing_mode: "stretch_both", x_range: range, tools: "xpan,xwheel_zoom,xbox_zoom",
       active_scroll: "xwheel_zoom", toolbar_location: null, output_backend: "canvas",
@@ -202,7 +208,7 @@ async function fetchSpan(from, until) {
   } catch {
     return; // another span was asked for meanwhile, or the recording was closed
   }
-  const every = PANELS.flatMap((panel) => panel.columns.map((each) => each.name));
+  const every = panels().flatMap((panel) => panel.columns.map((each) => each.name));
   const [lines, place] = block(buffer, 0, every);
   const [setpoints] = block(buffer, place, ["tilt_x", "tilt_y", "spin_rate"]);
   for (const part of parts) {
@@ -306,6 +312,50 @@ at("range-mark").addEventListener("click", () => mark(!marking));
 at("range").addEventListener("submit", () => putRange(...typedRange().sort((one, other) => one - other))); // in either order
 at("range").addEventListener("input", () => putRange(...typedRange(), true));
 
+// --- derived channels
+
+let derived = "[]"; // as they were drawn
+async function showDerived() {
+  const text = JSON.stringify(now.state.derived);
+  if (text === derived) return;
+  derived = text;
+  at("derived").replaceChildren(...now.state.derived.map(({ name, title }) => {
+    const button = element("button", `Remove ${title}`, { type: "button", className: "plain" });
+    Object.assign(button.dataset, { do: "underive", text: name });
+    return button;
+  }));
+  if (figures.length) await redraw();
+}
+
+at("derive-show").addEventListener("click", () => {
+  const hidden = at("derive-form").toggleAttribute("hidden");
+  at("derive-show").setAttribute("aria-expanded", String(!hidden));
+  if (!hidden) at("derive").focus();
+});
+let typing = 0;
+at("derive").addEventListener("input", () => {
+  clearTimeout(typing);
+  typing = setTimeout(checkDerived, 250);
+  complete(at("derive"), at("derive-names"), NAMES);
+});
+
+async function checkDerived() {
+  const text = at("derive").value;
+  tell("derive", "");
+  at("derive-said").textContent = "";
+  at("derive-add").disabled = true;
+  if (!text.trim()) return;
+  try {
+    const read = await send("derived", { text });
+    if (text !== at("derive").value) return;
+    if (read.refused) return tell("derive", read.refused);
+    at("derive-said").textContent = `unit: ${read.unit}`;
+    at("derive-add").disabled = false;
+  } catch (error) {
+    tell("derive", error.message);
+  }
+}
+
 // --- the cursor
 
 let asking = false;
@@ -337,9 +387,9 @@ export async function putCursor(time) {
 
 function read(found) {
   let k = 0;
-  const texts = PANELS.map((panel) => {
-    const values = panel.columns.map(() => found.values[k++]);
-    const [title, unit] = panel.title.split(", ");
+  const texts = panels().map((panel) => {
+    const values = panel.columns.map(() => found.values[k++] ?? null);
+    const [title, unit] = panel.title.split(/, (?=[^,]*$)/);
     return `${title} ${values.map((value) => (value === null ? "none" : value.toPrecision(5))).join(", ")} ${unit}`;
   });
   at("readout").textContent = `sample ${found.sample} at ${found.time.toFixed(4)} s: ${texts.join("; ")}`;

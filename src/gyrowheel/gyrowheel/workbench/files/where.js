@@ -20,7 +20,7 @@ export function showWhere(again = false) {
   if (now.found === seen && !again) return;
   seen = now.found;
   const w = windows();
-  const text = JSON.stringify([w, now.found?.maps]);
+  const text = JSON.stringify([w, now.found?.maps, now.found?.variables]);
   if (text === drawn && !again) return;
   if (w && text !== drawn && (w.fails || !(variable in w.over))) variable = w.variable;
   drawn = text;
@@ -38,7 +38,7 @@ export function showWhere(again = false) {
   at("where-none").hidden = Boolean(w);
   if (!w) return;
   options("where-channel", Object.entries(w.chi2).map(([name, { title }]) => [name, title]));
-  options("where-variable", now.found.maps.map((own) => [own.variable, own.title.split(", ")[0]]));
+  options("where-variable", now.found.variables.map((own) => [own.variable, own.title.split(", ")[0]]));
   plane(w);
   map(w);
 }
@@ -67,7 +67,7 @@ function plane(w) {
   at("where-channel").value = channel;
   at("where-variable").value = variable;
   const { values: chi2, title } = w.chi2[channel];
-  const over = now.found.maps.find((own) => own.variable === variable);
+  const over = now.found.variables.find((own) => own.variable === variable);
   const order = [...chi2.keys()].sort((a, b) => chi2[a] - chi2[b]); // the worst on top of those at the same tilt
   const column = (make) => order.map(make);
   const source = new Bokeh.ColumnDataSource({

@@ -1,7 +1,7 @@
 // The page of the workbench: shows the state of the server, and sends what the user asks for.
 // All words and tables come from the server, which escapes them; pictures are made by the parts that are imported here.
 
-import { ask, at, dark, element, hear, now, remember, remembered, send, tell, troubleField } from "./shared.js";
+import { ask, at, complete, dark, element, hear, now, remember, remembered, send, tell, troubleField } from "./shared.js";
 import "./layout.js";
 import { showLive } from "./live.js";
 import { redraw, showFound, showSignals } from "./signals.js";
@@ -218,7 +218,7 @@ document.addEventListener("submit", async (event) => {
   const form = event.target.closest("form[data-do]");
   if (!form) return;
   event.preventDefault();
-  const place = { map_table: "table", add_formula: "formula", use: "range", other: "residual" }[form.dataset.do] ?? "page";
+  const place = { map_table: "table", add_formula: "formula", use: "range", other: "residual", derive: "derive" }[form.dataset.do] ?? "page";
   try {
     tell(place, "");
     await send(form.dataset.do, Object.fromEntries(new FormData(form, event.submitter)));
@@ -232,6 +232,7 @@ at("formula").addEventListener("input", () => {
   remember("formula", at("formula").value);
   clearTimeout(typing);
   typing = setTimeout(checkFormula, 250);
+  complete(at("formula"), at("formula-names"), JSON.parse(at("formula").dataset.names));
 });
 
 async function checkFormula() {
