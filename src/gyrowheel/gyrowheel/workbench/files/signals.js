@@ -8,7 +8,9 @@ const NAMES = JSON.parse(at("derive").dataset.names);
 // The panels of the recording: what is measured, and derived channels.
 const panels = () => [...MEASURED, ...now.state.derived.map(({ name, title }) => ({ title, columns: [{ name, label: name }] }))];
 
+const OTHERS = ["#009E73", "#CC79A7"]; // lines of the recording that is drawn over it
 let own = null; // the recording that is shown
+let other = ""; // key of the one that is drawn over it, from its start on
 let figures = [];
 let range = null;
 let parts = []; // sources of each panel: lines, setpoints, predicted levels
@@ -41,6 +43,7 @@ export async function showSignals() {
     );
   }
   press();
+  showOthers();
   showRanges();
   await showDerived();
   at("readout").hidden = at("keys").hidden = at("range-mark").hidden = at("derive-show").hidden = !signals.length;
@@ -60,6 +63,19 @@ export async function showSignals() {
   }
 }
 
+// The other open recordings, one of which can be drawn over the one that is shown.
+function showOthers() {
+  const signals = now.state.signals.filter(({ key }) => key !== own?.key);
+  if (!signals.some(({ key }) => key === other)) other = "";
+  at("over-line").hidden = !signals.length || !own;
+  at("over").replaceChildren(element("option", "none", { value: "" }), ...signals.map(({ key, name }) => element("option", name, { value: key })));
+  at("over").value = other;
+}
+at("over").addEventListener("change", () => {
+  other = at("over").value;
+  if (range) zoom(range.start, range.end);
+});
+
 function press() {
   for (const tab of at("tabs").children) tab.setAttribute("aria-pressed", String(own && tab.dataset.signal === own.key));
 }
@@ -74,6 +90,7 @@ export async function choose(key, from, until) {
   own = wanted;
   if (!figures.length) draw();
   press();
+  showOthers();
   showRanges();
   showFound();
   await zoom(from ?? 0, until ?? own.duration);
@@ -123,11 +140,12 @@ function draw() {
     });
     const zeros = (names, of) => new Bokeh.ColumnDataSource({ data: Object.fromEntries(names.map((name) => [name, of])) });
     const names = panel.columns.map((each) => each.name);
-    const part = { names, lines: zeros(["t", ...names], [0, 1]), setpoints: zeros(["t", ...names], []), levels: zeros(["x0", "x1", "y"], []) };
+    const part = { names, lines: zeros(["t", ...names], [0, 1]), others: zeros(["t", ...names], []), setpoints: zeros(["t", ...names], []), levels: zeros(["x0", "x1", "y"], []) };
     parts.push(part);
     panel.columns.forEach(({ name, label }, c) => {
       const several = panel.columns.length > 1 ? { legend_label: label } : {};
       figure.line({ field: "t" }, { field: name }, { source: part.lines, line_color: colours()[c], line_width: 1.2, ...several });
+      figure.line({ field: "t" }, { field: name }, { source: part.others, line_color: OTHERS[c], line_width: 1 });
       figure.line({ field: "t" }, { field: name }, { source: part.setpoints, line_color: soft, line_width: 1.2, line_dash: "dashed" });
     });
     figure.segment({ field: "x0" }, { field: "y" }, { field: "x1" }, { field: "y" }, { source: part.levels, line_color: ink, line_width: 2.5 });
@@ -145,7 +163,7 @@ function draw() {
     themed(figure);
     if (!legend) continue;
     legend.setv({
-      location: "top_right", orientation: "horizontal", padding: 0, margin: 1, label_height: 11, glyph_height: 11,
+      location: "top_right", orientation: "horizontal", padding: 0, margin: 6, label_height: 11, glyph_height: 11,
       label_text_font_size: "11px", background_fill_alpha: 0.75,
     });
   }
@@ -198,22 +216,25 @@ function block(buffer, place, names) {
 
 async function fetchSpan(from, until) {
   const began = performance.now();
-  const key = own.key;
   drawing?.abort();
   drawing = new AbortController();
-  let buffer;
+  const { signal } = drawing;
+  const samples = async (key) => (await ask(`/signal?${new URLSearchParams({ key, from, until, points: POINTS })}`, { signal })).arrayBuffer();
+  let buffers;
   try {
-    const query = new URLSearchParams({ key, from, until, points: POINTS });
-    buffer = await (await ask(`/signal?${query}`, { signal: drawing.signal })).arrayBuffer();
+    buffers = await Promise.all([own.key, ...(other ? [other] : [])].map(samples));
   } catch {
     return; // another span was asked for meanwhile, or the recording was closed
   }
+  const [buffer, over] = buffers;
   const every = panels().flatMap((panel) => panel.columns.map((each) => each.name));
+  const others = over ? block(over, 0, every)[0] : null;
   const [lines, place] = block(buffer, 0, every);
   const [setpoints] = block(buffer, place, ["tilt_x", "tilt_y", "spin_rate"]);
   for (const part of parts) {
     const pick = (data) => Object.fromEntries(["t", ...part.names].map((name) => [name, data[name]]));
     part.lines.data = pick(lines);
+    part.others.data = others ? pick(others) : Object.fromEntries(["t", ...part.names].map((name) => [name, []]));
     if (part.names.every((name) => name in setpoints)) part.setpoints.data = pick(setpoints);
   }
   const count = lines.t.length;
@@ -254,6 +275,7 @@ export function showFound() {
   );
   at("drawn").textContent =
     "Dashed: setpoints of the plan." + (holds ? " Thick: what the model predicts for each hold." : "") +
+    " Green and pink: the recording drawn over it, both from their starts." +
     " Shaded: the chosen windows; green: only predicted; hatched: left out.";
 }
 
