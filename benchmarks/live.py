@@ -161,7 +161,7 @@ def _watch(window: Any, url: str, own: _Span) -> None:
     page.set_default_timeout(1e3 * _PATIENCE)
     page.goto(url)
     page.locator("#part-live [data-watch]").first.click()
-    page.wait_for_function("import('/files/live.js').then(({ seen }) => seen.frames > 30)")
+    page.wait_for_function("async () => (await import('/files/live.js')).seen.frames > 30")
     inspector = page.context.new_cdp_session(page)
     whole = window.new_browser_cdp_session()
     began, (frames, bins) = time.monotonic(), page.evaluate(_SEEN)

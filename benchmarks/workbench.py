@@ -211,7 +211,7 @@ def _listed(recording: Path, window: Any) -> float:
                 began = time.perf_counter()
                 page.goto(url, wait_until="commit")
                 page.wait_for_function(
-                    f"document.querySelectorAll('#part-recordings li').length >= {_LISTED}"
+                    "(least) => document.querySelectorAll('#part-recordings li').length >= least", arg=_LISTED
                 )
                 page.evaluate(_TWO_FRAMES)
                 took.append(time.perf_counter() - began)

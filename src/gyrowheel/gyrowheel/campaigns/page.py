@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -13,7 +14,9 @@ from rich.text import Text
 
 from gyrowheel.blind_tests.judge import OUTCOMES
 from gyrowheel.campaigns.judge import DATED, DETECTABLE, Judged
+from gyrowheel.campaigns.picture import rates_figure
 from gyrowheel.campaigns.summary import LEVELS, WITHIN_FLOOR, WITHIN_FORMULA, Rate, Summary, covered
+from gyrowheel.show.figure import png_bytes
 from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet
 from gyrowheel.show.layout import figures_table, heading, indented, sentences, words_table
 from gyrowheel_core.quantities import fixed, seconds
@@ -265,6 +268,8 @@ def campaign_report(summary: Summary, command: str) -> str:
     }
     cells = Cells(content)
     wrong = [(k, case) for k, case in enumerate(summary.cases) if not case.right]
+    kinds = list(_kind_rows(summary, cells))
+    drawn = png_bytes(rates_figure({row["kind"]: row["counted"] for row in kinds}, summary))
     return (
         environment("gyrowheel.campaigns")
         .get_template("campaign.html")
@@ -277,7 +282,8 @@ def campaign_report(summary: Summary, command: str) -> str:
             tally=tally(summary),
             mood="good" if not wrong else "found",
             detectable=f"{DETECTABLE:g}",
-            kinds=list(_kind_rows(summary, cells)),
+            kinds=kinds,
+            picture=base64.b64encode(drawn).decode(),
             wrong=[
                 {
                     "index": cells.digits(f"cases.{k}.case", 0),
@@ -333,7 +339,7 @@ def _kind_rows(summary: Summary, cells: Cells) -> Any:
             if kind in ("none", "outside"):
                 row["n"] = cells.digits(f"campaign.{kind}.n", 0)
             rate = Rate(sum(case.right for case in cases), len(cases))
-        yield row | {"rate": rate_words(rate)}
+        yield row | {"rate": rate_words(rate), "counted": rate}
 
 
 def _part(cells: Cells, place: str, level: str) -> Markup:

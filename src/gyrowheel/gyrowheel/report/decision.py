@@ -51,11 +51,9 @@ def _found(found: Diagnosis, cells: Cells) -> list[Markup | str]:
     lines += [Markup("An unknown law; a formula that fits: {}.").format(f.formula) for f in found.free_form]
     if found.map is not None:
         lines.append(cells.words("diagnosis.map.sentences.0"))
-    if not lines:
-        lines.append(
-            sections.setup(found.setup)[0]["problem"] if found.setup else cells.words("diagnosis.summary")
-        )
-    return lines
+    if not lines and found.setup:
+        lines.append(sections.setup(found.setup)[0]["problem"])
+    return lines  # none where the heading says it all
 
 
 def _sure(report: ReportContent) -> list[str]:

@@ -98,11 +98,10 @@ export function showPredicted(again = false) {
       const last = row === holds.actuators.length - 1;
       const figure = P.figure({
         height: last ? 150 : 120, sizing_mode: "stretch_both", tools: "tap,pan,wheel_zoom,reset", toolbar_location: null, x_range: ranges[column],
-        title: column ? "" : actuator.title,
+        title: column ? "" : `${actuator.title}: ${UNITS[quantity][0]}`,
       });
       if (last) figure.below[0].axis_label = title;
       figure.below[0].ticker.desired_num_ticks = figure.left[0].ticker.desired_num_ticks = 3;
-      if (!column) figure.left[0].axis_label = UNITS[quantity][0];
       figure.min_border_left = 40;
       const x = { field };
       figure.segment(x, { field: "low" }, x, { field: "high" }, { source, line_color: one, line_width: 1 });

@@ -143,13 +143,16 @@ function against(own) {
     },
   });
   const range = new Bokeh.DataRange1d();
+  // windows far noisier than the others do not set the scale
+  const reach = 1.15 * Math.max(...order.filter((k) => !w.noisy[k]).map((k) => Math.abs(own.residual[k]) + own.sigma[k]));
+  const outside = reach > 0 ? order.filter((k) => Math.abs(own.residual[k]) > reach).length : 0;
   const title = now.found.variables.find((each) => each.variable === over).title;
   // what is left gets most of the room
   const above = figure({ sizing_mode: "stretch_width", height: 70, x_range: range, title: `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
   above.left[0].ticker.desired_num_ticks = 2;
   above.scatter({ field: "x" }, { field: "measured" }, { source, fill_color: one, ...sign(7) });
   above.scatter({ field: "x" }, { field: "predicted" }, { source, marker: "x", ...sign(9), line_color: other, line_width: 2 });
-  const below = figure({ x_range: range, title: `residual, ${own.unit}, on its noise of ±1 σ`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
+  const below = figure({ x_range: range, ...(outside ? { y_range: new Bokeh.Range1d({ start: -reach, end: reach }) } : {}), title: `residual, ${own.unit}, on its noise of ±1 σ`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
   const band = new Bokeh.ColumnDataSource({ data: { x, low: source.data.low, high: source.data.high } });
   if (over === "time") below.varea({ field: "x" }, { field: "low" }, { field: "high" }, { source: band, fill_color: css("--soft"), fill_alpha: 0.18 });
   below.segment({ field: "x" }, { field: "low" }, { field: "x" }, { field: "high" }, { source: band, line_color: css("--soft"), line_alpha: 0.6 });
@@ -171,6 +174,7 @@ function against(own) {
   const beyond = order.filter((k) => Math.abs(own.residual[k]) > own.sigma[k]).length;
   at("residual-said").textContent =
     (over === "time" && key !== shown()?.key ? `Of ${now.state.signals.find((each) => each.key === key)?.name}: ` : "") +
+    (outside ? `Outside of the picture: ${outside} far noisier. ` : "") +
     `${beyond} of ${order.length} windows lie beyond their noise of ±1 σ; of noise alone about ${Math.round(0.317 * order.length)} do.` +
     (drawnOthers(own).length ? ` Dots: the model as it is, χ²/N ${figures(own.chi2)}.` : "");
 }
