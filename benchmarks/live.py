@@ -121,7 +121,7 @@ def _run(spans: Sequence[_Span], progress: Callable[[float], None], *, realtime:
     began = time.monotonic()
     try:
         with Graph(
-            PLAN.replace("REPEAT", "2000"),
+            PLAN.replace("REPEAT", "1000"),
             realtime=realtime,
             parameters={"plant": {"watchdog": WATCHDOG_S}},
             domain_id=_DOMAIN,

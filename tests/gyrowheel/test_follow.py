@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 
 import gyrowheel as gw
+from gyrowheel.workbench import views
+from gyrowheel.workbench.library import Library
+from gyrowheel.workbench.session import Session
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags.live import LiveRecording
 from gyrowheel_recording.bags.playback import Tape
@@ -54,6 +58,33 @@ def test_a_recording_is_diagnosed_while_it_is_written_and_at_its_end(
     # both name windage, and it gains much
     assert last.settled
     assert next(looks, None) is None
+
+
+def test_the_workbench_renews_its_verdict_while_a_recording_is_written(
+    growing: tuple[Path, Generator[None]], wheel: Wheel
+) -> None:
+    place, write = growing
+    next(write)
+    session = Session(Library([place.parent]), gw.Model.load(wheel.model))
+    assert "Diagnose as it is written" in views.state(session)["parts"]["recordings"]
+    session.follow("0/monday")
+    changed = threading.Event()
+    session.watch(changed.set)
+    while session.step.diagnosis is None:
+        assert changed.wait(240.0)
+        changed.clear()
+        assert session.trouble is None
+    first = session.step.diagnosis
+    assert session.opened["0/monday"].recording.duration == pytest.approx(12.0, abs=0.5)
+    next(write)
+    session.wait(240.0)
+    assert session.trouble is None
+    assert session.step.diagnosis.windows > first.windows
+    assert session.step.diagnosis.effects == gw.diagnose(place, gw.Model.load(wheel.model)).effects
+    assert session.step.holds
+    assert "Diagnose as it is written" not in views.state(session)["parts"]["recordings"]
+    with pytest.raises(InputError, match="diagnosed alone"):
+        session.follow(session.library.take(wheel.other))
 
 
 def test_the_verb_shows_each_look_and_the_page_of_the_last(gyrowheel: Shell, wheel: Wheel) -> None:

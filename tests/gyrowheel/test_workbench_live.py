@@ -154,6 +154,10 @@ def test_a_running_bench_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> Non
     session._diagnose = lambda at: diagnosed.append(len(session.used("fitted")))  # type: ignore[method-assign]
     with pytest.raises(gw.InputError, match="'live/bench9' does not run"):
         session.test(str(plan), "live/bench9")
+    with pytest.raises(gw.InputError, match="'live/bench9' does not run"):
+        session.walk("quick", "live/bench9")
+    with pytest.raises(gw.InputError, match="is not known"):  # a shipped plan, and no file
+        session.walk(str(plan), "live/bench9")
     changed = threading.Event()
     session.watch(changed.set)
 

@@ -16,6 +16,7 @@ from gyrowheel_core.quantities import listed, short
 from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
+    from gyrowheel.models.api import Model
     from gyrowheel.report.content import ReportContent
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.residuals.error_table import ErrorTable
@@ -27,22 +28,25 @@ def decision(report: ReportContent, cells: Cells) -> list[dict[str, Any]]:
     """Return the lines of page one: questions, each with its answers; the proof comes first in the second."""
     found = report.diagnosis
     return [
-        {"asked": "What was found", "lines": _found(found, cells)},
+        {"asked": "What was found", "lines": _found(found, report.model, cells)},
         {"asked": "How sure", "lines": _sure(report)},
         {"asked": "What it means", "lines": _meaning(report)},
         {"asked": "What to do", "lines": _advice(report)},
     ]
 
 
-def _found(found: Diagnosis, cells: Cells) -> list[Markup | str]:
+def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
     lines: list[Markup | str] = []
     for k, effect in enumerate(found.effects):
+        known = model.details.library.get(effect.name)
+        about = {} if known is None else {c.name: c.description.partition(";")[0] for c in known.coefficients}
         values = Markup(", ").join(
-            Markup("{} = {}").format(
+            Markup("{} = {}{}").format(
                 name,
                 cells.estimate(
                     f"diagnosis.effects.{k}.coefficients.{name}", e.unit, pure=is_pure(effect.name, name)
                 ),
+                f" ({about[name]})" if about.get(name) else "",
             )
             for name, e in effect.coefficients.items()
         )

@@ -19,6 +19,7 @@ from gyrowheel.show.figure import columns
 from gyrowheel.show.files import bag_head
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError, nearest
+from gyrowheel_recording.bags import being_written
 
 _BLOCK = 256  # samples per stored pair of extremes; `by_blocks` uses a multiple of it
 _DIRECT = 2 * _BLOCK  # samples of an interval from which on the extremes of blocks are used
@@ -183,6 +184,7 @@ class Entry:
     size: int  # of its files [bytes]
     changed: float  # time of the last change [s since 1970]
     duration: float | None  # in its metadata [s]
+    growing: bool  # whether it is being written now
 
 
 class Library:
@@ -236,8 +238,10 @@ class Library:
 
 
 def _recordings(folder: Path, depth: int) -> Iterator[tuple[Path, str]]:
-    """Yield the recordings in a folder, each with the beginning of its metadata."""
+    """Yield the recordings in a folder, each with the beginning of its metadata: empty while it is being written."""
     head = bag_head(folder)
+    if head is None and being_written(folder):
+        head = ""
     if head is not None:
         yield folder, head
         return
@@ -276,6 +280,7 @@ def _entry(number: int, root: Path, path: Path, head: str, *, several: bool) -> 
         size,
         changed,
         1e-9 * int(length[1]) if length else None,
+        growing=not head,
     )
 
 

@@ -381,6 +381,8 @@ class _Action(_Guarded):
             ),
             "use_all": lambda: session.use_all(given["key"]),
             "compare": session.compare,
+            "follow": lambda: session.follow(given["key"]),
+            "walk": lambda: session.walk(given["plan"], given["bench"]),
             "other": lambda: session.other(given["name"]),
             "diagnose": session.diagnose,
             "add": lambda: session.add(given["what"]),

@@ -17,6 +17,7 @@ from pathlib import Path
 from gyrowheel.catalogue.api import own_effect
 from gyrowheel.comparison.api import Comparison, compare
 from gyrowheel.diagnosis.api import Diagnosis, diagnose
+from gyrowheel.diagnosis.looks import follow
 from gyrowheel.drag_comparison.api import drag
 from gyrowheel.models.api import Model, effects_to_add
 from gyrowheel.recordings.api import Recording
@@ -28,6 +29,7 @@ from gyrowheel.workbench.jobs import Jobs, Work
 from gyrowheel.workbench.library import ROLES, USES, Envelope, Library, Opened, Range, Role, Use, with_range
 from gyrowheel.workbench.report import report_page
 from gyrowheel_analysis.drag.estimate import Estimate
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.files import disk_errors, new_folder, read_beginning
 from gyrowheel_core.locks import changing
@@ -222,6 +224,25 @@ class Session(Jobs):
         self._data_of_one_machine()
         self._begin("diagnosing", "missing", self._diagnose)
 
+    def follow(self, key: str) -> None:
+        """Diagnose a recording while it is written, again with every hold, until it ends."""
+        entry = self.library.find(key)
+        if any(own.role == ROLES[0] for place, own in self.opened.items() if place != key):
+            raise InputError("recordings: one that is being written is diagnosed alone; close those to fit")
+
+        def work(at: Work) -> None:
+            model, unused = self.step.model, self.used(ROLES[1])
+            for look in follow(entry.path, model, validate=unused, progress=at.say):
+                own = Opened.of(key, look.recording, ROLES[0]).with_description()
+                at.change(lambda own=own: self._put(own))  # type: ignore[misc]
+                found = compare([look.recording], model, progress=at.say)
+                step = replace(self.step, comparison=found, diagnosis=look.diagnosis)
+                step = replace(step, holds=self._holds(model, at))
+                at.change(lambda step=step: self._keep([*self.steps[:-1], step]))  # type: ignore[misc]
+                at.say(f"look {look.number}; the next one with the next hold")
+
+        self._begin(f"diagnosing {entry.name} as it is written", f"open {key}", work)
+
     def model_files(self) -> list[str]:
         """Return the names of the other model files next to that of the model, or to the recordings."""
         try:
@@ -337,14 +358,7 @@ class Session(Jobs):
                 f"plan: {plan[:60]!r} is not what the diagnosis asks for; {nearest(plan, self.tests())}"
             )
         if bench_key:
-            running = self.live.runs.get(bench_key)
-            if running is None:
-                raise InputError(f"bench: {bench_key[:60]!r} does not run")
-            self._begin(
-                f"testing: {plan} on the {running.title}",
-                "test",
-                lambda at: self._record_live(bench_key, plan, at),
-            )
+            self._walk(plan, bench_key, "test")
             return
         bench = SimulatedBench.of(fitted)
         if bench is None:
@@ -355,6 +369,22 @@ class Session(Jobs):
             self._diagnose(at)
 
         self._begin(f"testing: {plan}", "test", work)
+
+    def walk(self, plan: str, bench_key: str) -> None:
+        """Run a shipped plan on a running bench, open its recording, and diagnose it."""
+        if plan not in Plan.shipped():
+            raise InputError(f"plan: {plan[:60]!r} is not known; {nearest(plan, Plan.shipped())}")
+        self._walk(plan, bench_key, "live")
+
+    def _walk(self, plan: str, bench_key: str, place: str) -> None:
+        running = self.live.runs.get(bench_key)
+        if running is None:
+            raise InputError(f"bench: {bench_key[:60]!r} does not run")
+        self._begin(
+            f"testing: {plan} on the {running.title}",
+            place,
+            lambda at: self._record_live(bench_key, plan, at),
+        )
 
     def demonstrate(self) -> None:
         """Record two tests on a simulated machine with an effect that the model lacks, and open both."""

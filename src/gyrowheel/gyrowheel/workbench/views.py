@@ -25,6 +25,7 @@ from gyrowheel.workbench.report import MODEL
 from gyrowheel.workbench.session import NO_BENCH, Session
 from gyrowheel.workbench.tables import LARGEST
 from gyrowheel.workbench.trace import BIN_NS, KEPT, ROW, SETPOINTS
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_core.quantities import fixed
 from gyrowheel_core.units import DEG, RPM, unit_for
@@ -87,7 +88,10 @@ def state(session: Session) -> dict[str, Any]:
             for key, run in session.live.runs.items()
             if run.holds
         ],
-        "live": {key: {"title": run.title, "words": run.words()} for key, run in session.live.runs.items()},
+        "live": {
+            key: {"title": run.title, "words": run.words(), "silent": run.silent}
+            for key, run in session.live.runs.items()
+        },
     }
 
 
@@ -119,6 +123,7 @@ def page() -> str:
             largest=LARGEST,
             uses=USED,
             names=NAMES,
+            plans=_plans(),
             quantities={name: own.unit for name, own in QUANTITIES.items()},
             trace={"bin": BIN_NS / SECOND, "kept": KEPT, "row": [*ROW, *SETPOINTS]},
         )
@@ -195,6 +200,7 @@ def _recordings(session: Session) -> dict[str, Any]:
                 "size": f"{'' if described else length}{entry.size / 1e6:.1f} MB",
                 "when": time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.changed)),
                 "role": "" if own is None else own.role,
+                "growing": entry.growing,
                 "facts": "; ".join(_facts(own.recording.info)) if own and described else "",
                 "ranges": "" if own is None else _ranges(_uses(session, own)),
                 "changed": own is not None and own.recording.data.is_changed,
@@ -216,6 +222,11 @@ def _recordings(session: Session) -> dict[str, Any]:
 
 def _live(session: Session) -> dict[str, Any]:
     return {"running": session.live.runs}
+
+
+def _plans() -> dict[str, str]:
+    """Return the shipped plans with their lengths."""
+    return {name: f"{name}, {Plan.load(name).duration / 60.0:.1f} min" for name in Plan.shipped()}
 
 
 def _ranges(uses: Sequence[Mapping[str, Any]]) -> str:

@@ -46,10 +46,23 @@ dark.addEventListener("change", () => ask());
 hear("layout", () => connect());
 new ResizeObserver(() => (connect(), ask())).observe(canvas);
 
+// A plan moves the machine: asked for twice.
+at("live-run").addEventListener("submit", (event) => {
+  event.preventDefault();
+  at("live-sure-plan").value = at("live-plan").value;
+  at("live-sure-bench").value = key;
+  at("live-sure-words").textContent = `Plan ${at("live-plan").selectedOptions[0].text}: the ${now.state.live[key].title} moves. The plan is recorded, and the recording is diagnosed. End, in the first line of the page, stops it.`;
+  at("live-sure").showModal();
+});
+at("live-sure").addEventListener("submit", () => at("live-sure").close());
+at("live-not").addEventListener("click", () => at("live-sure").close());
+
 export function showLive() {
   const benches = Object.entries(now.state.live);
   if (!(key in now.state.live)) key = benches[0]?.[0] ?? null;
   at("live-none").hidden = key !== null;
+  at("live-run").hidden = key === null || now.state.live[key].silent;
+  at("live-run").querySelector("button").disabled = Boolean(now.state.job);
   at("live-line").hidden = canvas.hidden = at("live-said").hidden = key === null;
   const titles = JSON.stringify(benches.map(([name, { title }]) => [name, title]));
   const place = at("live-of");

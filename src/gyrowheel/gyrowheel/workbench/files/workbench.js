@@ -205,7 +205,7 @@ document.addEventListener("click", async (event) => {
   const button = event.target.closest("button[data-do]");
   if (!button) return;
   const { do: name, ...content } = button.dataset;
-  const place = name === "open" || name === "close" ? `open ${content.key}` : { drop_table: "table", estimate: "coefficients", profile: "coefficients" }[name] ?? "page";
+  const place = ["open", "close", "follow"].includes(name) ? `open ${content.key}` : { drop_table: "table", estimate: "coefficients", profile: "coefficients" }[name] ?? "page";
   try {
     tell(place, "");
     await send(name, content);
@@ -218,7 +218,7 @@ document.addEventListener("submit", async (event) => {
   const form = event.target.closest("form[data-do]");
   if (!form) return;
   event.preventDefault();
-  const place = { map_table: "table", add_formula: "formula", use: "range", other: "residual", derive: "derive" }[form.dataset.do] ?? "page";
+  const place = { map_table: "table", add_formula: "formula", use: "range", other: "residual", derive: "derive", walk: "live" }[form.dataset.do] ?? "page";
   try {
     tell(place, "");
     await send(form.dataset.do, Object.fromEntries(new FormData(form, event.submitter)));
