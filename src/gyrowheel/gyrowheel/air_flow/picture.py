@@ -112,9 +112,9 @@ def mesh_dependence(table: TorqueTable) -> tuple[Figure, str] | None:
             expected = drag(_geometry(table), table.air, speed, regime="II")
             panel.axhline(1e3 * expected.total, color=SOFT, linestyle="--", linewidth=1)
             panel.annotate(
-                "disc II + Bilgen & Boulos",
-                (0.98, 1e3 * expected.total),
-                xycoords=("axes fraction", "data"),
+                "dashed: disc II + Bilgen & Boulos",
+                (0.98, 0.03),
+                xycoords="axes fraction",
                 ha="right",
                 va="bottom",
                 fontsize=9,
@@ -283,7 +283,7 @@ def _geometry(table: TorqueTable) -> Geometry:
 
 def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
     figure = Picture(*size, dots=_DOTS)
-    grid = figure.add_gridspec(rows, columns, left=0.065, right=0.98, top=0.74, bottom=0.13, wspace=0.2)
+    grid = figure.add_gridspec(rows, columns, left=0.065, right=0.972, top=0.74, bottom=0.13, wspace=0.2)
     axes = [figure.add_subplot(grid[row, column]) for row in range(rows) for column in range(columns)]
     for panel in axes:
         add_grid(panel, "y")
