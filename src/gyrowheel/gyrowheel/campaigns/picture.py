@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gyrowheel.campaigns.summary import LEVELS, Rate, Summary, covered
-from gyrowheel.show.figure import AFTER, INK, NOISE, VERMILION, Figure, Picture, add_grid, drawn
+from gyrowheel.show.figure import AFTER, INK, NOISE, VERMILION, Picture, add_grid, drawn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @drawn()
