@@ -1,4 +1,4 @@
-"""The command line run within the test, and plans of a few seconds."""
+"""The command line run within the test, plans of a few seconds, requests, and messages."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 
 from gyrowheel.cli.app import app
 from gyrowheel.cli.console import run
+from gyrowheel_core import wire
 
 if TYPE_CHECKING:
     from gyrowheel.workbench.server import Server
@@ -99,3 +100,8 @@ def ask(server: Server, path: str, content: Any = None, **headers: str) -> tuple
     connection.request("GET" if content is None else "POST", path, json.dumps(content), sent)
     answer = connection.getresponse()
     return answer.status, answer.read()
+
+
+def sample(stamp_ns: int, tilt_x: float) -> bytes:
+    """Return a serialized measurement."""
+    return wire.MEASUREMENT.pack(stamp_ns, 1, tilt_x, *[0.5] * 10)

@@ -14,14 +14,17 @@ import yaml
 import gyrowheel as gw
 from gyrowheel.campaigns.page import campaign_report
 from gyrowheel.campaigns.summary import Summary
+from gyrowheel.workbench.benches import Running
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.session import Session
+from gyrowheel.workbench.trace import BIN_NS
+from gyrowheel_core.wire import SECOND
 
 from .browser import faults, needs_browser, opened_browser, press
 from .conftest import Wheel
 from .findings import judged_case
-from .helpers import write
+from .helpers import sample, write
 from .lab_tables import lab_table
 
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
@@ -427,6 +430,55 @@ def test_a_page_reconnects_and_asks_for_the_token(wheel: Wheel) -> None:
             page.locator("#token").press("Enter")
             expect(page.locator("#part-recordings")).to_contain_text("drag")
             assert guarded.access.token not in page.url
+
+
+@pytest.mark.slow
+@needs_browser
+def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -> None:
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=240_000)
+    session = Session(Library([wheel.recording.parent]), gw.Model())
+    session.live._runs[""] = Running(0, SECOND)  # as if it was heard, which does not need ROS
+    walked: list[tuple[str, str]] = []
+    session.walk = lambda *given: walked.append(given)  # type: ignore[method-assign, assignment, misc]
+    with Server(session, port=0) as server, opened_browser() as browser:
+        page = browser.new_page()
+        page.set_default_timeout(240_000)
+        page.goto(server.url)
+        press(page.get_by_role("button", name="Watch it"))
+        expect(page.locator("#live")).to_be_visible()
+        trace = session.live._traces.get("")
+        while trace is None:
+            page.wait_for_timeout(50)
+            trace = session.live._traces.get("")
+        for k in range(1, 500):
+            trace.set(k * BIN_NS, 0.05, 0.0, 366.5)
+            trace.take([sample(k * BIN_NS, 0.05 + 1e-4 * (k % 3))])
+            if k % 50 == 0:
+                page.wait_for_timeout(40)
+        expect(page.locator("#live-said")).to_contain_text("tilt 2.87")
+        page.wait_for_function("async () => (await import('/files/live.js')).seen.bins >= 498")
+        assert page.evaluate("import('/files/live.js').then(({ seen }) => seen.frames)") > 3
+        assert faults(page) == []
+        # a plan moves the machine: it is confirmed, or not
+        press(page.locator("#live-run button"))
+        expect(page.locator("#live-sure")).to_contain_text("moves")
+        assert faults(page) == []
+        press(page.locator("#live-not"))
+        expect(page.locator("#live-sure")).to_be_hidden()
+        assert walked == []
+        page.locator("#live-plan").select_option("quick")
+        press(page.locator("#live-run button"))
+        press(page.locator("#live-sure .main"))
+        expect(page.locator("#live-sure")).to_be_hidden()
+        page.wait_for_timeout(100)
+        assert walked == [("quick", "live")]
+        # out of sight, nothing is received
+        press(page.locator("#tab-live"), "ArrowLeft")
+        while session.live._traces:
+            trace.take([sample((k := k + 1) * BIN_NS, 0.0)])
+            page.wait_for_timeout(50)
 
 
 @pytest.mark.slow

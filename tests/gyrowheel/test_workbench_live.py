@@ -25,12 +25,7 @@ from gyrowheel_core.units import DEG, RPM
 
 from ..domains import next_domain
 from .conftest import Wheel
-from .helpers import ask, write
-
-
-def sample(stamp_ns: int, tilt_x: float) -> bytes:
-    """Return a serialized measurement."""
-    return wire.MEASUREMENT.pack(stamp_ns, 1, tilt_x, *[0.5] * 10)
+from .helpers import ask, sample, write
 
 
 def test_the_trace_of_a_bench_keeps_the_extremes_of_each_bin_for_a_minute() -> None:
