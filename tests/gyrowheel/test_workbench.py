@@ -545,6 +545,20 @@ def test_noise_has_no_correlation_and_no_line_and_a_drift_has_both() -> None:
     assert residual.correlation([drift])[0] > 3.0 * band
 
 
+def test_a_residual_that_follows_the_motion_three_windows_later_is_correlated_with_it_there() -> None:
+    rng = np.random.default_rng(5)
+    motion = rng.normal(size=100)
+    white = rng.normal(size=100)
+    white[3:] += 2.0 * motion[:-3]
+    found = residual.cross_correlation([(white[:60], motion[:60]), (white[60:], motion[60:])])
+    assert len(found) == 21
+    assert int(np.argmax(np.abs(found))) - 10 == 3
+    others = np.abs(np.delete(found, 13))
+    assert np.mean(others < 1.96 / np.sqrt(100)) > 0.8
+    assert found[13] > 0.5
+    assert residual.cross_correlation([(white, np.ones(100))]) == [0.0] * 21
+
+
 def test_holds_agree_with_the_drag_comparison(compared: Session, wheel: Wheel) -> None:
     own = pictures.holds(compared)["0/drag"]
     (holds,) = gw.drag(wheel.recording, gw.Model.load(wheel.model)).holds

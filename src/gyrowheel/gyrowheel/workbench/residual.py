@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,14 @@ Array = NDArray[np.float64]
 
 _SIDE = 1.96  # standard deviations to both sides that hold a normal variate in 95 of 100 cases
 _LAGS = 20
+_REACH = 10  # lags of a cross-correlation to either side
+#: What the residual of windows is correlated with.
+_MOTION: Mapping[str, Callable[[Residuals], Array]] = {
+    "tilt about x": lambda own: np.real(own.tilt),
+    "tilt about y": lambda own: np.imag(own.tilt),
+    "tilt": lambda own: np.abs(own.tilt),
+    "spin rate": lambda own: own.spin_rate,
+}
 _FEWEST = 4  # windows of a statistic
 _PARTS = {"average": (" x", " y"), "revolution": (", real part", ", imaginary part")}
 
@@ -105,8 +113,11 @@ def _side(values: NDArray[Any], place: int) -> Array:
 
 def _noise(found: Comparison, name: str, place: int) -> dict[str, Any] | None:
     """Return spectrum, autocorrelation and distribution of a whitened residual; None where it has few windows."""
-    pieces = [(own.time, white) for own in found.residuals if (white := _white(own, name, place)) is not None]
-    pieces = [(t[order], w[order]) for t, w in pieces for order in [np.argsort(t, kind="stable")]]
+    several = [(own, white) for own in found.residuals if (white := _white(own, name, place)) is not None]
+    ordered = [
+        (own, w[order], order) for own, w in several for order in [np.argsort(own.time, kind="stable")]
+    ]
+    pieces = [(own.time[order], w) for own, w, order in ordered]
     every = np.sort(np.concatenate([w for _, w in pieces])) if pieces else np.zeros(0)
     n = len(every)
     if n < _FEWEST or not np.all(np.isfinite(every)) or not every.any():
@@ -119,6 +130,10 @@ def _noise(found: Comparison, name: str, place: int) -> dict[str, Any] | None:
         "high": ends[1].round(4).tolist(),
         "white": every.round(4).tolist(),
         "correlation": correlation([w for _, w in pieces]),
+        "cross": {
+            title: cross_correlation([(w, make(own)[order]) for own, w, order in ordered])
+            for title, make in _MOTION.items()
+        },
         "band": _SIDE / np.sqrt(n),
         **spectrum(pieces),
     }
@@ -140,6 +155,26 @@ def correlation(pieces: Sequence[Array]) -> list[float]:
         round(sum(float(own[lag:] @ own[:-lag]) for own in pieces if len(own) > lag) / square, 4)
         for lag in lags
     ]
+
+
+def cross_correlation(pieces: Sequence[tuple[Array, Array]]) -> list[float]:
+    """Return the correlation of values with those of a motion, as many windows before them as the lag: −10 … 10.
+
+    Zero where the motion is always the same.
+    """
+    mean = float(np.mean(np.concatenate([x for _, x in pieces])))
+    size = np.sqrt(
+        sum(float(w @ w) for w, _ in pieces) * sum(float((x - mean) @ (x - mean)) for _, x in pieces)
+    )
+    found = []
+    for lag in range(-_REACH, _REACH + 1):
+        total = 0.0
+        for w, x in pieces:
+            late, early = max(lag, 0), max(-lag, 0)
+            if len(w) > late + early:
+                total += float(w[late : len(w) - early] @ (x[early : len(x) - late] - mean))
+        found.append(round(total / size, 4) if size > 0.0 else 0.0)
+    return found
 
 
 def spectrum(pieces: Sequence[tuple[Array, Array]]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ let drawn = ""; // what is drawn, with the choices
 let row = 0; // number of the row of a channel
 let over = "time";
 let view = "over"; // or "noise"
+let other = "itself"; // what noise is correlated with
 let line = null; // at the cursor, where time is drawn
 let picked = [];
 let hidden = null; // titles of other models that are not drawn; before the user chose, all but the latest of the session
@@ -25,7 +26,8 @@ at("residual-row").addEventListener("change", () => {
   showResidual();
 });
 at("residual-over").addEventListener("change", () => {
-  over = at("residual-over").value;
+  if (view === "noise") other = at("residual-over").value;
+  else over = at("residual-over").value;
   showResidual();
 });
 hear("shown", () => showResidual());
@@ -43,6 +45,7 @@ hear("cursor", ({ time }) => line?.setv({ location: time, visible: true }));
 at("residual").addEventListener("keydown", walk);
 
 let seen = null;
+let variables = []; // with their titles
 export function showResidual(again = false) {
   const rows = now.found?.residuals ?? [];
   at("residual-none").hidden = rows.length > 0;
@@ -53,16 +56,21 @@ export function showResidual(again = false) {
     at("residual-row").replaceChildren(...rows.map((own, k) => element("option", own.title, { value: String(k) })));
     const angle = rows.some((own) => own.order) ? [["angle", "shaft angle"]] : [];
     const names = [...(now.found?.variables ?? []).map((own) => [own.variable, own.title.split(", ")[0]]), ...angle];
-    at("residual-over").replaceChildren(...names.map(([value, title]) => element("option", title, { value })));
+    variables = names;
     if (!names.some(([name]) => name === over)) over = "time";
   }
   for (const button of at("residual-view").querySelectorAll("button")) button.setAttribute("aria-pressed", String(button.dataset.view === view));
-  at("residual-over").disabled = view !== "over";
-  at("residual-row").value = String(row);
-  at("residual-over").value = over;
   const own = rows[row];
+  at("residual-row").value = String(row);
+  const choices = view === "over" ? variables : ["itself", ...Object.keys(own?.noise?.cross ?? {})].map((name) => [name, name]);
+  if (at("residual-over").dataset.shown !== JSON.stringify(choices)) {
+    at("residual-over").dataset.shown = JSON.stringify(choices);
+    at("residual-over").previousElementSibling.textContent = view === "over" ? "over" : "correlated with";
+    at("residual-over").replaceChildren(...choices.map(([value, title]) => element("option", title, { value })));
+  }
+  at("residual-over").value = view === "over" ? over : other;
   showModels(own);
-  const mark = JSON.stringify([own, drawnOthers(own), over, view, over === "time" ? shown()?.key : null, over === "angle" ? picked : null]);
+  const mark = JSON.stringify([own, drawnOthers(own), over, other, view, over === "time" ? shown()?.key : null, over === "angle" ? picked : null]);
   if (mark === drawn && !again) return;
   drawn = mark;
   line = null;
@@ -226,10 +234,12 @@ function noise(own) {
   f.below[0].axis_label = "frequency, Hz";
   f.segment({ field: "x" }, 0, { field: "x" }, { field: "y" }, { source: source({ x: found.frequency, y: found.power }), line_color: one, line_width: 2 });
   level(f, found.level);
-  const most = 1.15 * Math.max(found.band, ...found.correlation.map(Math.abs));
-  const c = figure({ title: "autocorrelation", y_range: new Bokeh.Range1d({ start: -most, end: most }) });
+  const lags = found.cross[other] ?? found.correlation;
+  const first = other in found.cross ? -(lags.length - 1) / 2 : 1;
+  const most = 1.15 * Math.max(found.band, ...lags.map(Math.abs));
+  const c = figure({ title: first < 0 ? `correlation with ${other} before` : "autocorrelation", y_range: new Bokeh.Range1d({ start: -most, end: most }) });
   c.below[0].axis_label = "lag, windows";
-  c.segment({ field: "x" }, 0, { field: "x" }, { field: "y" }, { source: source({ x: found.correlation.map((_, k) => k + 1), y: found.correlation }), line_color: one, line_width: 3 });
+  c.segment({ field: "x" }, 0, { field: "x" }, { field: "y" }, { source: source({ x: lags.map((_, k) => k + first), y: lags }), line_color: one, line_width: 3 });
   level(c, found.band);
   level(c, -found.band);
   const q = figure({ title: "quantiles; grey: of noise" });
@@ -249,7 +259,7 @@ function noise(own) {
   h.line({ field: "x" }, { field: "y" }, { source: source({ x, y: x.map((own) => (n * width * Math.exp(-0.5 * own * own)) / Math.sqrt(2 * Math.PI)) }), line_color: css("--ink"), line_width: 2 });
   const children = [[themed(f), 0, 0], [themed(c), 0, 1], [themed(h), 1, 0], [themed(q), 1, 1]];
   put("residual", new Bokeh.GridBox({ children, sizing_mode: "stretch_both", spacing: 4 }));
-  const out = found.correlation.filter((each) => Math.abs(each) > found.band).length;
+  const out = lags.filter((each) => Math.abs(each) > found.band).length;
   at("residual-said").textContent =
-    `${own.title}: ${n} windows. Dashed: 95 % of noise lies within; ${out} of ${found.correlation.length} lags do not. Grey: 95 % of each quantile of noise.`;
+    `${own.title}: ${n} windows. Dashed: 95 % of noise lies within; ${out} of ${lags.length} lags do not. Grey: 95 % of each quantile of noise.`;
 }

@@ -68,7 +68,11 @@ function showOthers() {
   const signals = now.state.signals.filter(({ key }) => key !== own?.key);
   if (!signals.some(({ key }) => key === other)) other = "";
   at("over-line").hidden = !signals.length || !own;
-  at("over").replaceChildren(element("option", "none", { value: "" }), ...signals.map(({ key, name }) => element("option", name, { value: key })));
+  const names = JSON.stringify(signals.map(({ key, name }) => [key, name]));
+  if (at("over").dataset.shown !== names) {
+    at("over").dataset.shown = names; // a list that is open is not written again
+    at("over").replaceChildren(element("option", "none", { value: "" }), ...signals.map(({ key, name }) => element("option", name, { value: key })));
+  }
   at("over").value = other;
 }
 at("over").addEventListener("change", () => {
