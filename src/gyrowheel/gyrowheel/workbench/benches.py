@@ -26,7 +26,8 @@ from gyrowheel_core.units import DEG, RPM
 
 #: Key of a running bench among the recordings: this, and its namespace.
 KEY = "live"
-_PACE = 0.3  # s between two readings of the messages, and between two changes
+_PACE = 0.3  # s between two readings of the messages
+_TELL = 1.0  # s between two changes, of which each has every page ask for its state
 #: Time between two readings while the signals are watched [s], and between two pieces of the stream.
 FRAME = 1.0 / 40.0
 _LOOK = 1.0  # s between two searches for benches
@@ -246,7 +247,7 @@ class LiveBenches:
                     quiet = now - self._heard.get(namespace, -math.inf) > _SILENT
                     silent = quiet and namespace not in there
                     self._runs[namespace] = replace(own, silent=silent)
-                if now - told >= _PACE and self._runs != before:
+                if now - told >= _TELL and self._runs != before:
                     before, told = self._runs.copy(), now
                     self._changed()
 
