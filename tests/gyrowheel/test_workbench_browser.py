@@ -441,7 +441,7 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
     session = Session(Library([wheel.recording.parent]), gw.Model())
     session.live._runs[""] = Running(0, SECOND)  # as if it was heard, which does not need ROS
     walked: list[tuple[str, str]] = []
-    session.walk = lambda *given: walked.append(given)  # type: ignore[method-assign, assignment, misc]
+    session.walk = lambda *given: walked.append(given)  # type: ignore[method-assign]
     with Server(session, port=0) as server, opened_browser() as browser:
         page = browser.new_page()
         page.set_default_timeout(240_000)
