@@ -4,7 +4,7 @@ import { reveal } from "./layout.js";
 import { at, colours, css, dark, element, hear, now, still } from "./shared.js";
 
 const canvas = at("live");
-const pen = canvas.getContext("2d", { willReadFrequently: true });
+const pen = canvas.getContext("2d", { willReadFrequently: true }); // drawn by the processor: lines of pixels are quicker so
 const PANELS = JSON.parse(at("plots").dataset.panels);
 const { bin: BIN, kept: KEPT, row: ROW } = JSON.parse(canvas.dataset.trace);
 const LEFT = 52; // px for the numbers of the axes
@@ -247,9 +247,12 @@ function strip(panel, begin, last, across, top, high, width, { ink, soft, line, 
 }
 
 let told = 0;
+let later = 0;
 function read(number, pointed) {
   const time = performance.now();
-  if (!pointed && time - told < 500) return; // numbers that change faster cannot be read
+  clearTimeout(later);
+  // numbers that change faster cannot be read; the last ones are shown where no more come
+  if (!pointed && time - told < 500) return void (later = setTimeout(ask, 500));
   told = time;
   const texts = PANELS.map((panel) => {
     const [title, unit] = panel.title.split(", ");
