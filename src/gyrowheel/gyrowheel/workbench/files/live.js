@@ -104,7 +104,7 @@ function take(piece) {
   });
   end = piece.next;
   first = Math.max(first, end - KEPT);
-  seen.bins += piece.rows.length;
+  seen.bins += piece.rows.filter(([low]) => low !== null).length;
   if (!paused && piece.rows.length) ask();
 }
 
