@@ -1,4 +1,4 @@
-"""Files of measurement programs, and bags of others: damaged ones are refused in one line, or read."""
+"""Files that libraries read: damaged ones are refused in one line, or read as their library reads them."""
 
 from __future__ import annotations
 
@@ -13,32 +13,48 @@ import asammdf
 import h5py
 import nptdms
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import scipy.io
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
+from gyrowheel_core.errors import InputError
+from gyrowheel_recording.tables import apart
 from gyrowheel_recording.tables.formats import read_grid
 
+from . import reference
 from .damage import mutated
-from .harness import Case
+from .harness import Case, WrongAnswer
+from .hostile import hostile
 from .tables import columns
 
 
 def formats(rng: random.Random, folder: Path) -> Iterator[Case]:
-    """Damage a file of one of the formats, and read its table."""
+    """Damage a file of one of the formats, or make a hostile one, and read its table."""
     whole = _whole(folder)
     for name, content in whole:
-        if _use(folder / name, content) != "read":
-            raise AssertionError
+        if (outcome := _use(folder / name, content)) != "as the library":
+            raise AssertionError(f"{name}: {outcome}")
     while True:
-        name, content = rng.choice(whole)
-        yield Case(name, mutated(content, rng), functools.partial(_use, folder / name))
+        if rng.random() < 0.2:
+            name, data = hostile(rng, folder, whole)
+        else:
+            name, content = rng.choice(whole)
+            data = mutated(content, rng)
+        yield Case(name, data, functools.partial(_use, folder / name))
 
 
 def _use(file: Path, data: bytes) -> str:
     file.write_bytes(data)
-    read_grid(file)
-    return "read"
+    grid = read_grid(file)
+    try:
+        other = apart.read(reference.read, file, None)
+    except InputError:
+        return "read, where the library refuses"
+    if differs := reference.difference(grid, other, file):
+        raise WrongAnswer(differs)
+    return "as the library"
 
 
 def _whole(folder: Path) -> list[tuple[str, bytes]]:
@@ -68,6 +84,9 @@ def _whole(folder: Path) -> list[tuple[str, bytes]]:
                 [asammdf.Signal(values, time, name=column, unit="V") for column, values in table.items()]
             )
             measured.save(folder / name, overwrite=True, compression=packed)
+    parquet: list[dict[str, Any]] = [{}, {"compression": "zstd"}, {"version": "1.0", "use_dictionary": False}]
+    for number, packing in enumerate(parquet):
+        pq.write_table(pa.table(table), folder / f"{number}.parquet", **packing)
     _bags(folder, table)
     return [(file.name, file.read_bytes()) for file in sorted(folder.iterdir())]
 

@@ -7,6 +7,7 @@ exception, more than `PATIENCE` of the processor or `WAIT` of the clock, more th
 from __future__ import annotations
 
 import contextlib
+import os
 import random
 import re
 import resource
@@ -27,7 +28,9 @@ from gyrowheel_core.errors import InputError
 PATIENCE = 10.0
 #: The same by the clock, for what waits and does not work [s]; long, since others may have the processor.
 WAIT = 60.0
-#: What one input may take beside what the process had before [bytes].
+#: The same with that of the processes that it starts, which have limits of their own [s].
+APART = 30.0
+#: What one input may take beside what the process had before, and each process that it starts [bytes].
 MEMORY = 2 << 30
 
 
@@ -103,9 +106,9 @@ class Tally:
     failures : list of Failure
         Those that failed; of failures that say the same the first one.
     longest : float
-        Longest time of the processor for one input [s].
+        Longest time of the processor for one input, in this process and those that it started [s].
     largest : int
-        Most memory that the process had [bytes].
+        Most memory that one of these processes had [bytes].
     """
 
     outcomes: Counter[str] = field(default_factory=Counter)
@@ -120,13 +123,19 @@ class Tally:
 
     def take(self, case: Case) -> None:
         """Try one input."""
-        begin = time.process_time()
+        begin = _processor()
         outcome, failure = tried(case)
-        self.longest = max(self.longest, time.process_time() - begin)
-        self.largest = max(self.largest, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+        self.longest = max(self.longest, _processor() - begin)
+        whose = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
+        self.largest = max(self.largest, *(resource.getrusage(own).ru_maxrss * 1024 for own in whose))
         self.outcomes[outcome] += 1
         if failure is not None and failure.kind not in {known.kind for known in self.failures}:
             self.failures.append(failure)
+
+
+def _processor() -> float:
+    """Return the time of the processor that this process and those that it started have taken [s]."""
+    return sum(os.times()[:4])
 
 
 def tried(case: Case) -> tuple[str, Failure | None]:
@@ -135,9 +144,13 @@ def tried(case: Case) -> tuple[str, Failure | None]:
     def failed(what: str, said: str) -> tuple[str, Failure]:
         return "failed", Failure(what, case, said)
 
+    begin = _processor()
     try:
         with _limits():
-            return case.use(case.data), None
+            outcome = case.use(case.data)
+        if _processor() - begin > APART:
+            return failed("hang", f"more than {APART:g} s, with the processes that it started")
+        return outcome, None
     except InputError as error:
         text = str(error)
         if not text or not text.isprintable():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import time
+import warnings
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import gyrowheel as gw
-from gyrowheel.batches import api
+from gyrowheel.batches import api, workers
 
 from .conftest import Wheel
 from .helpers import Shell
@@ -136,3 +138,19 @@ def test_bad_input_is_one_line(
     refused = gyrowheel("batch", *words, "--model", wheel.model)
     assert (refused.code, refused.err) == (2, f"error: {message}\n")
     assert not list(tmp_path.iterdir())
+
+
+def test_work_that_ends_early_warns_of_nothing() -> None:
+    """As after an error or Ctrl-C, with results that nobody takes."""
+
+    def call(item: int, scratch: str | None) -> int:
+        time.sleep(0.05)
+        return item
+
+    with (
+        warnings.catch_warnings(record=True) as warned,
+        workers.finished(call, range(40), jobs=2) as results,
+    ):
+        warnings.simplefilter("always")
+        assert next(results) in range(4)
+    assert [str(own.message) for own in warned] == []

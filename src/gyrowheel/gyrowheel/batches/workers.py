@@ -97,9 +97,8 @@ def _in_processes(
             yield results
         finally:
             with warnings.catch_warnings():
-                warnings.simplefilter(
-                    "ignore"
-                )  # about unused results: an error or the user has ended the work
+                # an error or the user has ended the work: its results are not used
+                warnings.simplefilter("ignore")
                 results.close()
 
 
