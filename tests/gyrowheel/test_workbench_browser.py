@@ -518,3 +518,49 @@ def test_progress_takes_neither_focus_nor_typed_text(wheel: Wheel, monkeypatch: 
             expect(page.locator("#save-name")).to_have_value("mine.yaml")
         finally:
             ended.set()
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_page_that_is_left_and_loaded_again_shows_the_job(
+    wheel: Wheel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reload, another page and back, and closing the page leave the job running, which can be ended afterwards."""
+    from playwright.sync_api import expect
+
+    ended = threading.Event()
+
+    def compare(recordings: Any, model: Any, *, progress: Any) -> None:
+        for step in itertools.count():
+            progress(f"step {step}")
+            assert not ended.wait(0.02)
+
+    monkeypatch.setattr("gyrowheel.workbench.session.compare", compare)
+    expect.set_options(timeout=240_000)
+    with (
+        Server(Session(Library([wheel.recording.parent]), gw.Model()), port=0) as server,
+        opened_browser() as browser,
+    ):
+        try:
+            page = browser.new_page()
+            errors: list[str] = []
+            page.on("pageerror", lambda error: errors.append(str(error)))
+            page.set_default_timeout(240_000)
+            page.goto(server.url)
+            press(page.locator("button[data-key='0/drag']", has_text="fit"))
+            expect(page.locator("#tabs button")).to_have_count(1)
+            page.locator("#steps [data-step=what]").click()
+            press(page.locator("button[data-do=compare]"))
+            expect(page.locator("#job")).to_contain_text("step ")
+            for leave in (page.reload, lambda: (page.goto(f"{server.url}help"), page.go_back())):
+                leave()
+                expect(page.locator("#job")).to_contain_text("step ")
+            page.close()
+            page = browser.new_page()
+            page.set_default_timeout(240_000)
+            page.goto(server.url)
+            press(page.locator("#job button"))
+            expect(page.locator("#trouble")).to_have_text("ended")
+            assert errors == []
+        finally:
+            ended.set()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import json
+import os
 import shutil
+import signal
 import threading
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import yaml
 
@@ -19,13 +22,14 @@ from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.trace import BIN_NS, KEPT, ROW, Trace
+from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.surroundings import prepare_environment
 from gyrowheel_core.units import DEG, RPM
 
 from ..domains import next_domain
 from .conftest import Wheel
-from .helpers import ask, sample, write
+from .helpers import SHORT_PLAN, ask, sample, write
 
 
 def test_the_trace_of_a_bench_keeps_the_extremes_of_each_bin_for_a_minute() -> None:
@@ -189,3 +193,65 @@ def test_a_running_bench_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> Non
         assert len(session.opened) == 2
         assert diagnosed == [2]
         assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}
+
+
+@pytest.mark.graph
+@pytest.mark.study  # one plan and two are run by other tests
+def test_ten_plans_in_a_row_on_one_bench(tmp_path: Path) -> None:
+    """Each is recorded completely by the same nodes, whose memory does not grow."""
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    from gyrowheel.graph.api import run_and_record, up
+
+    plan, domain = Plan.load(SHORT_PLAN), next_domain()
+    memory: list[int] = []
+    with up(None, domain=domain) as graph:
+        for number in range(10):
+            assert run_and_record(plan, tmp_path / f"{number}", domain=domain)
+            assert gw.Recording.open(tmp_path / f"{number}").integrity.missing == 0
+            memory.append(sum(psutil.Process(own).memory_info().rss for own in graph.pids.values()))
+        assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}
+    assert memory[-1] - memory[2] < 20_000_000, memory
+
+
+@pytest.mark.graph
+@pytest.mark.study
+def test_a_running_bench_that_is_killed_while_it_is_shown_is_reported(wheel: Wheel, tmp_path: Path) -> None:
+    """Its test ends with a message, and the page is answered."""
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    from gyrowheel.graph.api import GraphError, up
+
+    plan = write(tmp_path / "long.yaml", SHORT_PLAN.replace("0.3", "600.0"))
+    domain = next_domain()
+    shutil.copytree(wheel.recording, tmp_path / "runs" / "drag")
+    session = Session(Library([tmp_path / "runs"]), gw.Model.load(wheel.model))
+    session.live = LiveBenches(session.changed, domain)
+    session.tests = lambda: [str(plan)]  # type: ignore[method-assign]
+    changed = threading.Event()
+    session.watch(changed.set)
+
+    def until(so: Any) -> None:
+        for _ in range(1200):
+            changed.clear()
+            if so() or (changed.wait(0.2) and so()):
+                return
+        raise AssertionError("it does not come")
+
+    def killed() -> None:
+        with up(None, domain=domain) as graph:
+            until(lambda: "live" in session.live.runs)
+            session.open("0/drag", "fitted")
+            session.wait(240.0)
+            session.test(str(plan), "live")
+            until(lambda: session.job is not None and bool(session.job.part))
+            for own in graph.pids.values():
+                os.kill(own, signal.SIGKILL)
+            session.wait(240.0)
+
+    with Server(session, port=0) as server, session.live:
+        with pytest.raises(GraphError, match="killed by SIGKILL"):
+            killed()
+        assert "bench" in str(session.trouble)
+        until(lambda: session.live.runs["live"].silent)
+        state = json.loads(ask(server, "/state")[1])
+        assert "no more messages" in state["live"]["live"]["words"]
+        assert ask(server, "/")[0] == 200

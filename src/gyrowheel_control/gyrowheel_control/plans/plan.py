@@ -6,6 +6,7 @@ import difflib
 import functools
 import itertools
 import math
+import os
 import random
 from collections.abc import Iterator
 from dataclasses import replace
@@ -77,7 +78,7 @@ class Plan:
             If there is no such plan, or a field of it is missing, unknown or out of range.
         """
         text = str(source)
-        if "\n" in text:
+        if "\n" in text and not os.path.isfile(text):  # names of files may have line breaks, too
             return cls._from_text(text, "plan text")
         base, mark, settings = text.rpartition(MARK)
         if mark and not is_file(Path(text)):

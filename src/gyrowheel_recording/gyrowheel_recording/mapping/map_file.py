@@ -253,6 +253,12 @@ def _require_enough(sources: Mapping[str, Source], where: str) -> None:
         raise InputError(f"{where}: no voltage and no current; allowed: at least one of {', '.join(torques)}")
 
 
+def _printable(name: str) -> str:
+    if not name.isprintable():
+        refuse(f"{name!r} is no name; allowed: printable characters")
+    return name
+
+
 class EnvironmentEntry(Section):
     """What held on the rig from a time on."""
 
@@ -262,7 +268,7 @@ class EnvironmentEntry(Section):
     air_density_ratio: AirDensityRatio = 1.0
     preheat_k: Preheat = 0.0
     table_rate_deg_s: TableRate = 0.0
-    machine: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
+    machine: Annotated[str, Field(max_length=LONGEST_NAME), AfterValidator(_printable)] = ""
 
     def in_si(self) -> Environment:
         """Return the same in SI units."""
