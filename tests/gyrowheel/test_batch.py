@@ -75,9 +75,11 @@ def test_rows_are_read_as_they_were_written(ending: str, tmp_path: Path) -> None
         dict.fromkeys(api.COLUMNS)
         | {"recording": "b, c", "key": "0", "verdict": "failed", "error": 'says "no"'},
     ]
-    table = tmp_path / f"rows.{ending}"
+    table = tmp_path / f"rows \udcff.{ending}"
     api.write_rows(table, rows)
     assert api.read_rows(table) == rows
+    api.write_rows(table, [rows[0] | {"recording": "a \udcff"}])  # a path that is no text
+    assert api.read_rows(table)[0]["recording"] == "a \\udcff"
 
 
 def test_a_changed_recording_or_model_is_diagnosed_again_and_an_interruption_keeps_the_rows(

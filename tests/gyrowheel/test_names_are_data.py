@@ -157,12 +157,13 @@ def _prepared(folder: Path, name: str, mapped: Path) -> None:
     with (folder / f"table{folder.name}.txt").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([["t", text, f"{text} [V]"], *([0.01 * k, k, k * k] for k in range(9))])
     columns = {text: np.arange(9.0), f"{text} 2": [text] * 9}
-    pq.write_table(pa.table(columns), folder / f"table{folder.name}.parquet")
+    with (folder / f"table{folder.name}.parquet").open("wb") as opened:
+        pq.write_table(pa.table(columns), opened)
     row = dict.fromkeys(COLUMNS) | {"verdict": text, "summary": text, "machine": text, "error": ""}
     row |= {"windage.w": 1e-3, "windage.w.error": 1e-5}
     rows = [row | {"recording": text, "key": str(k), "start": 1e5 * k} for k in range(12)]
     write_rows(folder / f"many{folder.name}.csv", rows)
-    declared = {"title": text, "sentence": text, "rotor_torque": "-k*z"}
+    declared: dict[str, object] = {"title": text, "sentence": text, "rotor_torque": "-k*z"}
     declared |= {"coefficients": {"k": {"unit": "N*m/rad", "usual": [0.01, 0.05], "description": text}}}
     model = {"schema": 1, "bench": "gyrowheel", "effects": {"own": {"declaration": declared, "k": 1e-6}}}
     (folder / f"model{folder.name}.yaml").write_text(
@@ -177,6 +178,7 @@ def _renamed(call: str, folder: Path) -> list[str]:
     """Return the words of a call with a name in the place of those of its files; the effect is that of the model."""
     words = []
     call = call.replace("batch wheel ", "batch wheel/drag ").replace("remove windage", "remove own")
+    call = call.replace("new.yaml --free windage.w", "wheel/model.yaml --free own.k")
     if call.startswith(("model remove", "model undo")):
         call = call.replace("new.yaml", "model.yaml")
     for word in call.split():

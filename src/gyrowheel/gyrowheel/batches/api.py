@@ -131,7 +131,8 @@ def batch(
     keys = {path: _key(path, content) for path in paths}
     known = {row["key"]: row for row in ([] if table is None else read_rows(table))}
     done = {path: known[key] for path, key in keys.items() if key in known}
-    others = [row for row in known.values() if row["recording"] not in {str(path) for path in paths}]
+    given = {_written(str(path)) for path in paths}
+    others = [row for row in known.values() if row["recording"] not in given]
     kept, interrupted, written = len(done), False, time.monotonic()
 
     def rows() -> list[Row]:
@@ -255,12 +256,12 @@ def read_rows(table: Path) -> list[Row]:
         strings_can_be_null=True,
         quoted_strings_can_be_null=False,
     )
-    with read_errors(table):
+    with read_errors(table), table.open("rb") as opened:  # opened here: arrow refuses names that are no text
         try:
             if table.suffix == ".parquet":
-                found = pyarrow.parquet.read_table(str(table))
+                found = pyarrow.parquet.read_table(opened)
             else:
-                found = pyarrow.csv.read_csv(str(table), convert_options=texts)
+                found = pyarrow.csv.read_csv(opened, convert_options=texts)
         except pyarrow.ArrowInvalid as error:
             raise InputError(f"{table}: not a table of a batch ({one_line(error)})") from None
     if missing := [name for name in COLUMNS if name not in found.column_names]:
@@ -275,9 +276,15 @@ def write_rows(table: Path, rows: Sequence[Row]) -> None:
     import pyarrow.csv
     import pyarrow.parquet
 
-    content = pyarrow.table(columns_of(rows))
-    with new_file(table) as place:
+    columns = columns_of(rows)
+    content = pyarrow.table({name: [_written(value) for value in own] for name, own in columns.items()})
+    with new_file(table) as place, place.open("wb") as opened:
         if table.suffix == ".parquet":
-            pyarrow.parquet.write_table(content, str(place))
+            pyarrow.parquet.write_table(content, opened)
         else:
-            pyarrow.csv.write_csv(content, str(place))
+            pyarrow.csv.write_csv(content, opened)
+
+
+def _written(value: Any) -> Any:
+    """Return a value as a table has it: bytes of a path that are no text as escapes."""
+    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
