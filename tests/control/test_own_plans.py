@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -209,6 +210,13 @@ def test_problems_of_the_whole_plan_are_reported_with_their_line() -> None:
 
 
 # --- the format ----------------------------------------------------------------------------------------------
+
+
+def test_a_name_of_a_file_with_a_line_break_is_no_text_of_a_plan(tmp_path: Path) -> None:
+    text = Plan.load("check").to_yaml()
+    place = tmp_path / "my\nplan.yaml"
+    place.write_text(text, encoding="utf-8")
+    assert Plan.load(str(place)).to_yaml() == Plan.load(text).to_yaml()
 
 
 def test_every_key_has_a_description() -> None:
