@@ -183,7 +183,7 @@ def _renamed(call: str, folder: Path) -> list[str]:
         call = call.replace("new.yaml", "model.yaml")
     for word in call.split():
         place = Path(word)
-        is_file = "/" in word or place.suffix in _ENDINGS or word in _FOLDERS
+        is_file = "/" in word or place.suffix in _ENDINGS or (words and word in _FOLDERS)
         words.append(str(folder / f"{place.stem}{folder.name}{place.suffix}") if is_file else word)
     return words
 
