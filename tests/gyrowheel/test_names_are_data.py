@@ -176,14 +176,14 @@ def _prepared(folder: Path, name: str, mapped: Path) -> None:
 
 def _renamed(call: str, folder: Path) -> list[str]:
     """Return the words of a call with a name in the place of those of its files; the effect is that of the model."""
-    words = []
+    words: list[str] = []
     call = call.replace("batch wheel ", "batch wheel/drag ").replace("remove windage", "remove own")
     call = call.replace("new.yaml --free windage.w", "wheel/model.yaml --free own.k")
     if call.startswith(("model remove", "model undo")):
         call = call.replace("new.yaml", "model.yaml")
     for word in call.split():
         place = Path(word)
-        is_file = "/" in word or place.suffix in _ENDINGS or (words and word in _FOLDERS)
+        is_file = "/" in word or place.suffix in _ENDINGS or (bool(words) and word in _FOLDERS)
         words.append(str(folder / f"{place.stem}{folder.name}{place.suffix}") if is_file else word)
     return words
 
