@@ -32,6 +32,7 @@ _MEASURED: dict[str, Callable[[NDArray[Any], Array, Bench], Any]] = {
     "Omega": lambda rows, time, bench: rows["spin_rate"],
     "theta_z": lambda rows, time, bench: rows["spin_angle"],
     "i_motor": lambda rows, time, bench: rows["motor_current"],
+    "V_coil": lambda rows, time, bench: rows["coil_voltage_x"] + 1j * rows["coil_voltage_y"],
     "T_coil": lambda rows, time, bench: rows["coil_temperature"],
     "T_air": lambda rows, time, bench: rows["air_temperature"],
     "rho": lambda rows, time, bench: (
