@@ -8,8 +8,8 @@ MAKEFLAGS += --no-builtin-rules --no-print-directory
 
 PYTHON ?= python3
 SEED ?= 1
-# One more than there are cores: nodes, browsers and processes that end are waited for a third of the time.
-WORKERS ?= $(shell expr $$(nproc) + 1)
+# Two more than there are cores: nodes, browsers and processes that end are waited for a third of the time.
+WORKERS ?= $(shell expr $$(nproc) + 2)
 MINUTES ?= 5
 
 BIN := .venv/bin

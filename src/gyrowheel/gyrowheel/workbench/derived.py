@@ -39,7 +39,6 @@ _MEASURED: dict[str, Callable[[NDArray[Any], Array, Bench], Any]] = {
         rows["air_pressure"] / (bench.value("gas_constant") * rows["air_temperature"])
     ),
     "t": lambda rows, time, bench: time,
-    "V_coil": lambda rows, time, bench: rows["coil_voltage_x"] + 1j * rows["coil_voltage_y"],
     "V_x": lambda rows, time, bench: rows["coil_voltage_x"],
     "V_y": lambda rows, time, bench: rows["coil_voltage_y"],
     "V_motor": lambda rows, time, bench: rows["motor_voltage"],
