@@ -64,3 +64,9 @@ def test_typed_laws_of_the_coil_voltage_are_fitted_and_explain_the_recording(tmp
 def test_what_precedes_the_coil_voltage_cannot_depend_on_it(target: str) -> None:
     with pytest.raises(InputError, match=f"{target} cannot depend on V_coil"):
         typed_effect(f"own: {target} = a*abs(V_coil); a = 1e-4")
+
+
+@pytest.mark.parametrize(("target", "law"), [("case_rate", "a*z"), ("inertia_difference", "a*abs(z)")])
+def test_what_the_balance_takes_as_given_cannot_depend_on_the_tilt(target: str, law: str) -> None:
+    with pytest.raises(InputError, match=f"{target} cannot depend on z"):
+        typed_effect(f"own: {target} = {law}; a = 1e-4")
