@@ -133,7 +133,7 @@ def _report(
 ) -> Report:
     other: dict[str, Any] = peer if isinstance(peer, dict) else {}
 
-    def beside(name: str) -> dict[str, Any]:
+    def peer_of(name: str) -> dict[str, Any]:
         return {"peer": PEER, "peer_value": other[name]} if other else {}
 
     notes = [
@@ -151,11 +151,11 @@ def _report(
     return Report(
         "Workbench",
         [
-            Figure("opening", ours["opening"], "s", **beside("opening"), bar=Bar("<", 3.0)),
-            Figure("zoom, median", ours["median"], "ms", **beside("median"), bar=Bar("<", 150.0)),
-            Figure("zoom, worst", ours["worst"], "ms", **beside("worst"), bar=Bar("<", 600.0)),
-            Figure("bytes of a zoom, median", ours["bytes"], "kB", **beside("bytes")),
-            Figure("memory", ours["memory"], "GB", **beside("memory"), bar=Bar("<", 2.0)),
+            Figure("opening", ours["opening"], "s", **peer_of("opening"), bar=Bar("<", 3.0)),
+            Figure("zoom, median", ours["median"], "ms", **peer_of("median"), bar=Bar("<", 150.0)),
+            Figure("zoom, worst", ours["worst"], "ms", **peer_of("worst"), bar=Bar("<", 600.0)),
+            Figure("bytes of a zoom, median", ours["bytes"], "kB", **peer_of("bytes")),
+            Figure("memory", ours["memory"], "GB", **peer_of("memory"), bar=Bar("<", 2.0)),
             Figure("memory, compared with a model too", ours["compared"], "GB"),
             Figure("memory, kept after the comparison", ours["kept"], "GB"),
             Figure("diagnosis shown after", page["shown"], "s", bar=Bar("<", 1.0)),
@@ -299,7 +299,7 @@ def _page(window: Any, address: str) -> Any:
 
 @contextmanager
 def browser() -> Iterator[Any]:
-    """Yield a browser without a window; MeasurementError if there is none."""
+    """Yield a headless browser; MeasurementError if none is installed."""
     from playwright.sync_api import sync_playwright
 
     chromium = shutil.which("chromium")

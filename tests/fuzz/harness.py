@@ -30,7 +30,7 @@ PATIENCE = 10.0
 WAIT = 60.0
 #: The same with that of the processes that it starts, which have limits of their own [s].
 APART = 30.0
-#: What one input may take beside what the process had before, and each process that it starts [bytes].
+#: Memory that one input may add to the process, and that each process it starts may take [bytes].
 MEMORY = 2 << 30
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import shutil
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -481,9 +483,11 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
             feed(1)
 
 
-@pytest.mark.slow
-@needs_browser
-def test_progress_takes_neither_focus_nor_typed_text(wheel: Wheel, monkeypatch: pytest.MonkeyPatch) -> None:
+@contextlib.contextmanager
+def comparison_without_end(
+    wheel: Wheel, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[Server, Callable[[], Any]]]:
+    """Yield a server whose comparison goes on until the user ends it, and what opens a page of it in a browser."""
     from playwright.sync_api import expect
 
     ended = threading.Event()
@@ -495,29 +499,43 @@ def test_progress_takes_neither_focus_nor_typed_text(wheel: Wheel, monkeypatch: 
 
     monkeypatch.setattr("gyrowheel.workbench.session.compare", compare)
     expect.set_options(timeout=240_000)
-    with (
-        Server(Session(Library([wheel.recording.parent]), gw.Model()), port=0) as server,
-        opened_browser() as browser,
-    ):
-        try:
+    session = Session(Library([wheel.recording.parent]), gw.Model())
+    session.open("0/drag", "fitted")
+    session.wait(240.0)
+    with Server(session, port=0) as server, opened_browser() as browser:
+
+        def opened() -> Any:
             page = browser.new_page()
             page.set_default_timeout(240_000)
             page.goto(server.url)
-            press(page.locator("button[data-key='0/drag']", has_text="fit"))
-            expect(page.locator("#tabs button")).to_have_count(1)
-            other = browser.new_page()
-            other.goto(server.url)
-            page.locator("#save-name").select_text()
-            other.locator("#steps [data-step=what]").click()
-            press(other.locator("button[data-do=compare]"))
-            expect(page.locator("#job")).to_contain_text("step ")
-            expect(page.locator("form[data-do=save] button")).to_be_disabled()
-            page.keyboard.type("mine.yaml")  # in place of what is selected, in a field that was written again
-            press(page.locator("#job button"))  # found with Tab, though the line changes all along
-            expect(page.locator("#trouble")).to_have_text("ended")
-            expect(page.locator("#save-name")).to_have_value("mine.yaml")
+            return page
+
+        try:
+            yield server, opened
         finally:
             ended.set()
+
+
+def begin_to_compare(page: Any) -> None:
+    page.locator("#steps [data-step=what]").click()
+    press(page.locator("button[data-do=compare]"))
+
+
+@pytest.mark.slow
+@needs_browser
+def test_progress_takes_neither_focus_nor_typed_text(wheel: Wheel, monkeypatch: pytest.MonkeyPatch) -> None:
+    from playwright.sync_api import expect
+
+    with comparison_without_end(wheel, monkeypatch) as (_, opened):
+        page, other = opened(), opened()
+        page.locator("#save-name").select_text()
+        begin_to_compare(other)
+        expect(page.locator("#job")).to_contain_text("step ")
+        expect(page.locator("form[data-do=save] button")).to_be_disabled()
+        page.keyboard.type("mine.yaml")  # in place of what is selected, in a field that was written again
+        press(page.locator("#job button"))  # found with Tab, though the line changes all along
+        expect(page.locator("#trouble")).to_have_text("ended")
+        expect(page.locator("#save-name")).to_have_value("mine.yaml")
 
 
 @pytest.mark.slow
@@ -528,39 +546,17 @@ def test_a_page_that_is_left_and_loaded_again_shows_the_job(
     """Reload, another page and back, and closing the page leave the job running, which can be ended afterwards."""
     from playwright.sync_api import expect
 
-    ended = threading.Event()
-
-    def compare(recordings: Any, model: Any, *, progress: Any) -> None:
-        for step in itertools.count():
-            progress(f"step {step}")
-            assert not ended.wait(0.02)
-
-    monkeypatch.setattr("gyrowheel.workbench.session.compare", compare)
-    expect.set_options(timeout=240_000)
-    with (
-        Server(Session(Library([wheel.recording.parent]), gw.Model()), port=0) as server,
-        opened_browser() as browser,
-    ):
-        try:
-            page = browser.new_page()
-            errors: list[str] = []
-            page.on("pageerror", lambda error: errors.append(str(error)))
-            page.set_default_timeout(240_000)
-            page.goto(server.url)
-            press(page.locator("button[data-key='0/drag']", has_text="fit"))
-            expect(page.locator("#tabs button")).to_have_count(1)
-            page.locator("#steps [data-step=what]").click()
-            press(page.locator("button[data-do=compare]"))
+    with comparison_without_end(wheel, monkeypatch) as (server, opened):
+        page = opened()
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        begin_to_compare(page)
+        expect(page.locator("#job")).to_contain_text("step ")
+        for leave in (page.reload, lambda: (page.goto(f"{server.url}help"), page.go_back())):
+            leave()
             expect(page.locator("#job")).to_contain_text("step ")
-            for leave in (page.reload, lambda: (page.goto(f"{server.url}help"), page.go_back())):
-                leave()
-                expect(page.locator("#job")).to_contain_text("step ")
-            page.close()
-            page = browser.new_page()
-            page.set_default_timeout(240_000)
-            page.goto(server.url)
-            press(page.locator("#job button"))
-            expect(page.locator("#trouble")).to_have_text("ended")
-            assert errors == []
-        finally:
-            ended.set()
+        page.close()
+        page = opened()
+        press(page.locator("#job button"))
+        expect(page.locator("#trouble")).to_have_text("ended")
+        assert errors == []

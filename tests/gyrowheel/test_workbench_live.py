@@ -1,4 +1,4 @@
-"""The workbench beside running benches: they appear, their holds arrive, they walk the next test."""
+"""The workbench with running benches: they appear, their holds arrive, they walk the next test."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import threading
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,18 @@ from gyrowheel_core.units import DEG, RPM
 from ..domains import next_domain
 from .conftest import Wheel
 from .helpers import SHORT_PLAN, ask, sample, write
+
+
+def wait_until(session: Session, so: Callable[[], bool]) -> None:
+    """Wait until something is so, at most four minutes."""
+    changed = threading.Event()
+    unwatch = session.watch(changed.set)
+    for _ in range(1200):
+        changed.clear()
+        if so() or (changed.wait(0.2) and so()):
+            unwatch()
+            return
+    raise AssertionError("it does not come")
 
 
 def test_the_trace_of_a_bench_keeps_the_extremes_of_each_bin_for_a_minute() -> None:
@@ -157,18 +170,8 @@ def test_a_running_bench_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> Non
         session.walk("quick", "live/bench9")
     with pytest.raises(gw.InputError, match="is not known"):  # a shipped plan, and no file
         session.walk(str(plan), "live/bench9")
-    changed = threading.Event()
-    session.watch(changed.set)
-
-    def until(so: Any) -> None:
-        for _ in range(1200):
-            changed.clear()
-            if so() or (changed.wait(0.2) and so()):
-                return
-        raise AssertionError("it does not come")
-
     with up(None, domain=domain, namespace="bench2") as graph, session.live:
-        until(lambda: "live/bench2" in session.live.runs)
+        wait_until(session, lambda: "live/bench2" in session.live.runs)
         parts: list[float] = []
         ends = session.watch(lambda: parts.append(session.job.part or 0.0) if session.job else None)
         session.test(str(plan), "live/bench2")
@@ -187,7 +190,7 @@ def test_a_running_bench_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> Non
         )
         session.tests = lambda: [str(long)]  # type: ignore[method-assign]
         session.test(str(long), "live/bench2")
-        until(lambda: session.job is not None and session.job.part is not None)
+        wait_until(session, lambda: session.job is not None and session.job.part is not None)
         session.end()
         session.wait(240.0)
         assert len(session.opened) == 2
@@ -226,23 +229,14 @@ def test_a_running_bench_that_is_killed_while_it_is_shown_is_reported(wheel: Whe
     session = Session(Library([tmp_path / "runs"]), gw.Model.load(wheel.model))
     session.live = LiveBenches(session.changed, domain)
     session.tests = lambda: [str(plan)]  # type: ignore[method-assign]
-    changed = threading.Event()
-    session.watch(changed.set)
-
-    def until(so: Any) -> None:
-        for _ in range(1200):
-            changed.clear()
-            if so() or (changed.wait(0.2) and so()):
-                return
-        raise AssertionError("it does not come")
 
     def killed() -> None:
         with up(None, domain=domain) as graph:
-            until(lambda: "live" in session.live.runs)
+            wait_until(session, lambda: "live" in session.live.runs)
             session.open("0/drag", "fitted")
             session.wait(240.0)
             session.test(str(plan), "live")
-            until(lambda: session.job is not None and bool(session.job.part))
+            wait_until(session, lambda: session.job is not None and bool(session.job.part))
             for own in graph.pids.values():
                 os.kill(own, signal.SIGKILL)
             session.wait(240.0)
@@ -251,7 +245,7 @@ def test_a_running_bench_that_is_killed_while_it_is_shown_is_reported(wheel: Whe
         with pytest.raises(GraphError, match="killed by SIGKILL"):
             killed()
         assert "bench" in str(session.trouble)
-        until(lambda: session.live.runs["live"].silent)
+        wait_until(session, lambda: session.live.runs["live"].silent)
         state = json.loads(ask(server, "/state")[1])
         assert "no more messages" in state["live"]["live"]["words"]
         assert ask(server, "/")[0] == 200

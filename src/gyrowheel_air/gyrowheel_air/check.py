@@ -296,14 +296,16 @@ def _rows_agree(table: TorqueTable) -> Iterator[Check]:
         yield _band(f"pressure's share of {_NAMES[i]}", share, findings()[f"{kind}_pressure"], told=known)
         if i == 1:
             own = share - np.median(share, axis=1, keepdims=True)
-            name = "pressure's share of T2, beside that of other speeds"
+            name = "pressure's share of T2, compared with that of other speeds"
             yield _band(name, own, findings()["cross_pressure_step"], told=known)
     wall = np.array([[row.y_plus["rotor"][0] ** 2 for row in rows] for rows in _rows(table)])
     stress = mean[..., 2] / wall
     stress = stress / stress.mean()
     yield _band("T3 over the wall stress, over its mean", stress, findings()["drag_stress"])
     own = stress / np.median(stress, axis=1, keepdims=True) - 1.0
-    yield _band("T3 over the wall stress, beside that of other speeds", own, findings()["drag_stress_step"])
+    yield _band(
+        "T3 over the wall stress, compared with that of other speeds", own, findings()["drag_stress_step"]
+    )
 
 
 def _quality(table: TorqueTable) -> Iterator[Check]:

@@ -178,7 +178,7 @@ class Judged:
         if self.outcome == "failed":
             return "failed"
         names = "+".join(sorted(self.named))
-        return f"unknown beside {names}" if self.beside_unknown else names or self.verdict
+        return f"unknown with {names}" if self.beside_unknown else names or self.verdict
 
     def to_json(self) -> dict[str, Any]:
         """Return the case as a JSON object."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -61,7 +62,7 @@ class Channel:
         return f"{self.text}, {self.unit}"
 
     def values(self, recording: Recording, bench: Bench) -> Array:
-        """Return its value at every sample [SI]; NaN where there is none."""
+        """Return its value at every sample [SI], NaN where readings are missing."""
         rows, time = recording.measurement, recording.time
         evaluate, names = array_function(self.expression), {s.name for s in self.expression.free_symbols}
         fixed = {name: bench.value(parameter) for name, parameter in REFERENCES.items() if name in names}
@@ -77,9 +78,38 @@ class Channel:
                 found[part] = np.real(evaluate(given | fixed))
         return found
 
-    def envelope(self, recording: Recording, bench: Bench) -> Envelope:
-        """Return it ready to be drawn."""
-        return Envelope(self.values(recording, bench))
+
+class Channels:
+    """The derived channels that are shown, `MOST` at a time, each computed once for a recording."""
+
+    def __init__(self) -> None:
+        self._channels: tuple[Channel, ...] = ()
+        self._found: weakref.WeakKeyDictionary[Recording, dict[str, Envelope]] = weakref.WeakKeyDictionary()
+
+    def __iter__(self) -> Iterator[Channel]:
+        """Return the channels, in the order in which they were added."""
+        return iter(self._channels)
+
+    def add(self, text: str) -> None:
+        """Show one more; InputError for an invalid formula, or where `MOST` are shown."""
+        own = channel(text)
+        if own not in self._channels and len(self._channels) == MOST:
+            raise InputError(f"derived channel: {MOST} are shown; remove one first")
+        self._channels = tuple(dict.fromkeys((*self._channels, own)))
+
+    def remove(self, text: str) -> None:
+        """Remove one."""
+        self._channels = tuple(own for own in self._channels if own.text != text)
+        for found in self._found.values():
+            found.pop(text, None)
+
+    def of(self, recording: Recording, bench: Bench) -> dict[str, Envelope]:
+        """Return the channels of a recording by their formulas, ready to be drawn."""
+        found = self._found.setdefault(recording, {})
+        for own in self._channels:
+            if own.text not in found:
+                found[own.text] = Envelope(own.values(recording, bench))
+        return {own.text: found[own.text] for own in self._channels}
 
 
 def channel(text: str) -> Channel:

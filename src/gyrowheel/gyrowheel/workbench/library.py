@@ -139,7 +139,6 @@ class Opened:
     setpoints: Mapping[str, Envelope]
     described: bool = False
     parts: dict[Range, Recording] = field(default_factory=dict, compare=False)  # as they were cut
-    derived: dict[str, Envelope] = field(default_factory=dict, compare=False)  # by their formulas
 
     def uses(self, ranges: Sequence[Range] = ()) -> tuple[Range, ...]:
         """Return the uses of the whole recording in order of time, with some ranges; the rest has its role."""

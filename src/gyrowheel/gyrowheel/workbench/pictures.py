@@ -53,7 +53,7 @@ def signal(session: Session, key: str, begin: float, end: float, points: int) ->
     _require_span(begin, end)
     data = own.recording.data
     asked = min(max(points, 4), _MOST_POINTS)
-    derived = session.derived_of(own)
+    derived = session.derived.of(own.recording, session.step.model.bench)
     blocks = _block(
         {**own.signals, **derived}, own.recording.time, begin, end, asked, dict.fromkeys(derived, 1.0)
     )
@@ -107,7 +107,10 @@ def sample(session: Session, key: str, time: float) -> dict[str, Any]:
         "time": float(times[k]),
         "values": [
             *(float(row[name]) / size for name, size in columns()),
-            *(float(each.values[k]) for each in session.derived_of(own).values()),
+            *(
+                float(each.values[k])
+                for each in session.derived.of(own.recording, session.step.model.bench).values()
+            ),
         ],
     }
 

@@ -24,9 +24,9 @@ from gyrowheel.recordings.api import Recording
 from gyrowheel.workbench import tables
 from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
 from gyrowheel.workbench.coefficients import Estimates
-from gyrowheel.workbench.derived import MOST, Channel, channel
+from gyrowheel.workbench.derived import Channels
 from gyrowheel.workbench.jobs import Jobs, Work
-from gyrowheel.workbench.library import ROLES, USES, Envelope, Library, Opened, Range, Role, Use, with_range
+from gyrowheel.workbench.library import ROLES, USES, Library, Opened, Range, Role, Use, with_range
 from gyrowheel.workbench.report import report_page
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import Plan
@@ -88,7 +88,7 @@ class Session(Jobs):
         self.kept = model  # in its file
         self.report: str | None = None  # on the latest diagnosis, once written
         self.table: tables.Draft | None = None
-        self.derived: list[Channel] = []
+        self.derived = Channels()
         self.others: dict[str, Comparison] = {}  # of the models of files, by their names
         self.closed = False
         self.live = LiveBenches(self.changed)
@@ -125,32 +125,17 @@ class Session(Jobs):
 
     def derive(self, text: str) -> None:
         """Show a derived channel with the signals, and as a variable of the residual."""
-        own = channel(text)
         with self.lock:
-            if own not in self.derived:
-                if len(self.derived) == MOST:
-                    raise InputError(f"derived channel: {MOST} are shown; remove one first")
-                self.derived = [*self.derived, own]
-                self.facts += 1
+            self.derived.add(text)
+            self.facts += 1
         self.changed()
 
     def underive(self, text: str) -> None:
         """Remove a derived channel."""
         with self.lock:
-            self.derived = [own for own in self.derived if own.text != text]
-            for recording in self.opened.values():
-                recording.derived.pop(text, None)
+            self.derived.remove(text)
             self.facts += 1
         self.changed()
-
-    def derived_of(self, own: Opened) -> dict[str, Envelope]:
-        """Return the derived channels of an open recording by their formulas, each computed once."""
-        found = {}
-        for each in self.derived:
-            if each.text not in own.derived:
-                own.derived[each.text] = each.envelope(own.recording, self.step.model.bench)
-            found[each.text] = own.derived[each.text]
-        return found
 
     # --- work
 

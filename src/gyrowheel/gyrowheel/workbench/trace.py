@@ -67,7 +67,7 @@ class Trace:
         self._latest = max(self._latest, number)
 
     def since(self, number: int) -> dict[str, Any]:
-        """Return the complete bins from a number on, or all that are kept where it is none of them.
+        """Return the complete bins from a number on; all that are kept if that one is not among them.
 
         ``first`` is the number of the first row, ``next`` that to ask with next; what is missing is null.
         """

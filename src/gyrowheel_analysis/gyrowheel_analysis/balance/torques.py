@@ -55,8 +55,8 @@ OF_MOTION = (
     READING | AHEAD | {t.name for t in TARGETS.values() for e in t.enters if e.of in TORQUE_PARAMETERS}
 )
 _WARM = frozenset((T_winding, T_motor))
-_VOLTS = 1e-6  # V, to which voltages of the coils settle that their own laws depend on
-_SETTLING = 20
+_VOLTS = 1e-6  # V, to which the voltages of the coils settle where laws depend on them
+_SETTLING = 50  # repetitions; a law that takes half of the torque of a further volt needs 20
 
 
 @dataclass(frozen=True)

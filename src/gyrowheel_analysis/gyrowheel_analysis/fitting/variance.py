@@ -286,11 +286,11 @@ def _products(
                     ahead = f * other[i, e]
                     further[i, e] = courses[k, i, e] * right[k] - ahead
                     other[i, e] = ahead + g * further[i, e]
-        beside = new if same else further
+        second = new if same else further
         for i in range(kinds):
             for j in range(kinds):
                 for e in range(events):
-                    out[i, j, e] += w * new[i, e] * beside[j, e]
+                    out[i, j, e] += w * new[i, e] * second[j, e]
 
 
 @njit(cache=True, error_model="numpy")

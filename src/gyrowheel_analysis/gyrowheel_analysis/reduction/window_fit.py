@@ -115,14 +115,14 @@ def fit_window(
     legendre = series[:, :smooth]
     turning = np.hstack([legendre, waves])
     turning_gram = np.linalg.inv(turning.T @ turning)
-    _, turned, beside = despiked(angle[:, None], turning, turning_gram)
+    _, turned, angle_left = despiked(angle[:, None], turning, turning_gram)
     tilt_noise, angle_noise, current_noise = (
         noise[READING_NOISES.index(name)]
         for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
     )
     tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
     tail = _more(series[:, degree : degree + _FURTHER], design, gram, left[:, _TILT]) / (2.0 * tilt_noise**2)
-    angle_tail = _more(series[:, smooth : smooth + _FURTHER], turning, turning_gram, beside[:, 0])
+    angle_tail = _more(series[:, smooth : smooth + _FURTHER], turning, turning_gram, angle_left[:, 0])
     unsettled = (
         tail > UNSETTLED_TILT
         or angle_tail > UNSETTLED_ANGLE * angle_noise**2
@@ -142,7 +142,7 @@ def fit_window(
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
-    factors = _outlier_factors(left, beside[:, 0], noise) if weighed else {}
+    factors = _outlier_factors(left, angle_left[:, 0], noise) if weighed else {}
     if any(part.max() > 1.0 for part in factors.values()):
         # a burst at an end of the window has more weight in a change from end to end than in the mean
         change_variance *= _weighed(RISE @ gram[:degree] @ design.T, factors["tilt_noise"])

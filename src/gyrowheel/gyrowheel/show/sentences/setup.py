@@ -84,7 +84,8 @@ def _what(found: WrongSetup) -> str:
     if found.kind == "shifted":
         seconds = next(iter(found.cure.shift.values()))
         way = "late" if seconds < 0.0 else "early"
-        return f"{names}{other} {verb} {abs(seconds):.2f} s {way} beside the other readings, or of another recording"
+        shift = f"{abs(seconds):.2f} s {way} relative to the other readings"
+        return f"{names}{other} {verb} {shift}, or of another recording"
     if found.kind == "stuck":
         return f"{names} stays at {found.value:.6g} [SI]"
     if found.kind == "held":
