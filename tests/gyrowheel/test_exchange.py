@@ -317,6 +317,11 @@ def test_a_row_of_another_length_is_named_by_its_line(case: Case, skipped: int) 
     assert not place.exists()
 
 
+def test_the_machine_of_a_map_has_a_name_that_can_be_printed(case: Case) -> None:
+    case.map["machine"] = "wheel\n7"
+    case.refused("map.yaml", "machine", "'wheel\\n7' is no name; allowed: printable characters")
+
+
 def test_two_quantities_do_not_share_a_column(case: Case) -> None:
     case.map["columns"]["tilt_y"] = case.map["columns"]["tilt_x"]
     case.refused("columns.tilt_y.column", "'TiltX [deg]'", "tilt_x")
