@@ -318,8 +318,8 @@ def test_a_row_of_another_length_is_named_by_its_line(case: Case, skipped: int) 
 
 
 def test_the_machine_of_a_map_has_a_name_that_can_be_printed(case: Case) -> None:
-    case.map["environment"] = {"machine": "wheel\n7"}
-    case.refused("map.yaml", "environment.machine", "'wheel\\n7' is no name; allowed: printable characters")
+    case.map["environment"] = [{"machine": "wheel\n7"}]
+    case.refused("map.yaml", "environment.0.machine", "'wheel\\n7' is no name; allowed: printable characters")
 
 
 def test_two_quantities_do_not_share_a_column(case: Case) -> None:
