@@ -1,4 +1,4 @@
-"""Laws that nobody has written down: random smooth fields and random formulas, hidden as effects outside the library.
+"""Laws that nobody has written down: random smooth fields, formulas and states, hidden as effects outside the library.
 
 They share nothing with the search for an unknown effect: neither its free forms nor the basis of its map.
 """
@@ -11,12 +11,16 @@ from typing import Any, Literal
 import numpy as np
 import sympy as sp
 
-from gyrowheel_sim.effects import Coefficient, Effect, Law
-from gyrowheel_sim.effects.quantities import Omega, Omega_ref, z, z_ref
+from gyrowheel_sim.effects import Coefficient, Effect, Law, LawState
+from gyrowheel_sim.effects.quantities import Omega, Omega_ref, z, z_rate, z_ref
 
-Strange = Literal["rotor_field", "shaft_field", "rotor_formula", "shaft_formula"]
+Strange = Literal[
+    "rotor_field", "shaft_field", "rotor_formula", "shaft_formula", "rotor_state", "shaft_state"
+]  # fmt: skip
 #: Kinds of laws, in the order in which cases take them.
-STRANGE: tuple[Strange, ...] = ("rotor_field", "rotor_formula", "shaft_field", "shaft_formula")
+STRANGE: tuple[Strange, ...] = (
+    "rotor_field", "rotor_formula", "shaft_field", "shaft_formula", "rotor_state", "shaft_state"
+)  # fmt: skip
 
 _WAVES = 5  # of a field
 #: Lengths over which a field changes, in reference tilts and in reference speeds (smallest, largest).
@@ -30,10 +34,17 @@ _direction = z / (sp.sqrt(z * sp.conjugate(z)) + sp.Float(1e-9))
 
 def strange_effect(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
     """Draw a law, and coefficients for it; its amplitudes have the size of a noticeable torque."""
-    return _field(kind, rng) if kind.endswith("field") else _formula(kind, rng)
+    drawn = {"field": _field, "formula": _formula, "state": _state}
+    return drawn[kind.partition("_")[2]](kind, rng)
 
 
-def _effect(kind: Strange, law: sp.Expr, amplitudes: tuple[str, ...], shapes: dict[str, float]) -> Effect:
+def _effect(
+    kind: Strange,
+    law: sp.Expr,
+    amplitudes: tuple[str, ...],
+    shapes: dict[str, float],
+    states: tuple[LawState, ...] = (),
+) -> Effect:
     rotor = kind.startswith("rotor")
     usual = (1e-4, 2e-3) if rotor else (5e-5, 1e-3)
     return Effect(
@@ -46,7 +57,7 @@ def _effect(kind: Strange, law: sp.Expr, amplitudes: tuple[str, ...], shapes: di
             *(Coefficient(name, "N*m", "size", usual, (-1.0, 1.0), "drawn", signed=True) for name in amplitudes),
             *(
                 Coefficient(
-                    name, "1", "shape", (value - 1.0, value + 1.0), (-100.0, 100.0), "drawn",
+                    name, "s" if name == "T" else "1", "shape", (value - 1.0, value + 1.0), (-100.0, 100.0), "drawn",
                     signed=True, shape=value, shape_uncertainty=1.0,
                 )
                 for name, value in shapes.items()
@@ -54,6 +65,7 @@ def _effect(kind: Strange, law: sp.Expr, amplitudes: tuple[str, ...], shapes: di
         ),
         validity="blind tests",
         source="drawn at random",
+        states=states,
     )  # fmt: skip
 
 
@@ -98,26 +110,66 @@ _OF_SPEED: tuple[Any, ...] = (
     lambda p, q: sp.cos(_rounded(2.0 + 4.0 * p) * _r),
     lambda p, q: 1 / ((1 - (_r / _rounded(0.45 + 0.5 * p)) ** 2) ** 2 + _rounded(0.1 + 0.3 * q)),
 )
+#: Times by which a state lags [s], and ways over which a moved one is pulled along, in reference tilts.
+_LAG, _WAY = (2.0, 60.0), (0.2, 1.5)
+_RECOVERS = 10.0  # time in which a driven state recovers, in lags
 
 
 def _rounded(value: float) -> sp.Float:
     return sp.Float(round(value, 3))
 
 
-def _formula(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+def _product(kind: Strange, rng: np.random.Generator) -> sp.Expr:
     """Draw a formula of at most two factors; on the rotor it also has a direction."""
     of_tilt, of_speed = (
         own[int(rng.integers(len(own)))](*rng.uniform(size=2)) for own in (_OF_TILT, _OF_SPEED)
     )
     kept = int(rng.integers(3))  # both factors, or one of them
     law = (of_speed if kept == 2 else of_tilt) if kept else of_tilt * of_speed
-    a, b = sp.symbols("a b", real=True)
     if kind.startswith("rotor"):
         turns = int(rng.choice((-2, -1, 0, 1, 1, 1, 2, 3)))
         along = _direction if turns >= 0 else sp.conjugate(_direction)
-        law = (a + sp.I * b) * along ** abs(turns) * law
+        law = along ** abs(turns) * law
+    return law
+
+
+def _sized(
+    kind: Strange,
+    law: sp.Expr,
+    rng: np.random.Generator,
+    shapes: dict[str, float] | None = None,
+    states: tuple[LawState, ...] = (),
+) -> tuple[Effect, dict[str, float]]:
+    """Return a law with an amplitude of random sign, on the rotor of random direction."""
+    a, b = sp.symbols("a b", real=True)
+    shapes = shapes or {}
+    if kind.startswith("rotor"):
         turned = rng.uniform(0.0, 2.0 * math.pi)
-        return _effect(kind, law, ("a", "b"), {}), {
-            "a": 1e-3 * math.cos(turned), "b": 1e-3 * math.sin(turned)
-        }  # fmt: skip
-    return _effect(kind, a * law, ("a",), {}), {"a": 1e-3 * float(rng.choice((-1.0, 1.0)))}
+        values = {"a": 1e-3 * math.cos(turned), "b": 1e-3 * math.sin(turned)}
+        return _effect(kind, (a + sp.I * b) * law, ("a", "b"), shapes, states), values | shapes
+    values = {"a": 1e-3 * float(rng.choice((-1.0, 1.0)))}
+    return _effect(kind, a * law, ("a",), shapes, states), values | shapes
+
+
+def _formula(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+    return _sized(kind, _product(kind, rng), rng)
+
+
+def _state(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
+    """Draw a law with a state, which lags behind a formula, or is driven by motion and recovers."""
+    rotor = kind.startswith("rotor")
+    m = sp.Symbol("m", complex=True) if rotor else sp.Symbol("m", real=True)
+    lag = sp.Symbol("T", real=True)
+    shapes = {"T": round(math.exp(rng.uniform(*map(math.log, _LAG))), 2)}
+    if rng.uniform() < 0.5:
+        behind = _product(kind, rng)
+        start = behind if rng.uniform() < 0.5 else sp.S.Zero
+        state = LawState("m", "1", (behind - m) / lag, start, complex=rotor)
+        law = m
+    else:
+        # a tilt pulls along what it moves over; a shaft wears with its turns
+        way = _rounded(rng.uniform(*_WAY))
+        drive, loss = (z_rate / z_ref / way, sp.Abs(z_rate) / z_ref / way) if rotor else (_r / lag, _r / lag)
+        state = LawState("m", "1", drive - m * (loss + 1 / (_RECOVERS * lag)), complex=rotor)
+        law = m * _r ** _rounded(rng.uniform(-1.0, 2.0))
+    return _sized(kind, law, rng, shapes, (state,))
