@@ -12,7 +12,7 @@ import itertools
 import math
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -39,7 +39,7 @@ from gyrowheel_sim.jit import compile_source, kernel_text
 
 _MOST = 8_000_000  # points of a course; a longer recording has them farther apart
 _ROW = 0.1  # s, between rows of slow quantities
-_KEPT = 12  # histories of states
+_KEPT = 24  # histories of states
 _PARTS = 64  # of a step, at most, unless one is longer than a second: a pause may last for years
 _ROUGH = 8  # sampling instants between the points of a rough course
 _BLOCK = 1 << 16  # points at once
@@ -148,16 +148,9 @@ class History:
     def _along(self, effect: Effect, values: Mapping[str, float]) -> Array:
         """Return the states (points, numbers) of an effect along the course."""
         course = self.course
-        text = "\n\n".join(
-            [
-                kernel_text("gyrowheel_sim", "mechanics/dynamics.py"),
-                kernel_text("gyrowheel_sim", "effects/law_code.py"),
-                memory_source([effect]),
-                kernel_text("gyrowheel_analysis", "balance/history_kernel.py"),
-            ]
-        )
-        code = compile_source(text, f"the states of {effect.name}")
-        coefficients, active = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
+        values, effect = dict(values), replace(effect, name="remembering")
+        code = _compiled(effect)
+        coefficients, active = coefficient_arrays([effect], {effect.name: values}, self._bench)
         size = memory_size([effect])
         out = np.empty((len(course.points), size // 3))
         parts = max(math.ceil(course.step / self._bench.sample_period - 1e-6), 1)
@@ -167,6 +160,25 @@ class History:
             course.step, parts, out,
         )  # fmt: skip
         return out
+
+
+_codes: dict[Any, Any] = {}
+
+
+def _compiled(effect: Effect) -> Any:
+    """Return the compiled code of the states of an effect; effects that differ in values alone share it."""
+    key = effect.states, effect.each_flexure, tuple(c.name for c in effect.coefficients)
+    if key not in _codes:
+        text = "\n\n".join(
+            [
+                kernel_text("gyrowheel_sim", "mechanics/dynamics.py"),
+                kernel_text("gyrowheel_sim", "effects/law_code.py"),
+                memory_source([effect]),
+                kernel_text("gyrowheel_analysis", "balance/history_kernel.py"),
+            ]
+        )
+        _codes[key] = compile_source(text, "the states of a law")
+    return _codes[key]
 
 
 def _terms(x: Any, angle: Any) -> Array:

@@ -163,7 +163,8 @@ def _judged(
     far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
-    if (explanation.rejected or explanation.laws) and verdict in ("nothing_missing", "insufficient_data"):
+    left = verdict in ("nothing_missing", "insufficient_data") or _failed(proof)
+    if (explanation.rejected or explanation.laws) and left:
         verdict = "unknown"
     events, turned = by_attitude(events, [*recordings, *validate])
     if turned and verdict in ("nothing_missing", "insufficient_data"):
@@ -206,10 +207,12 @@ def _leaves_something(found: Diagnosis) -> bool:
     nothing = not (found.effects or found.instruments or found.free_form)
     if nothing and max(found.drift_scales.values(), default=1.0) > DRIFT_OR_MAP:
         return True
-    failed = proof is not None and proof.proven is False
-    return found.verdict == "unknown" or (
-        failed and proof is not None and proof.reason in ("misfit", "channel", "dependence")
-    )
+    return found.verdict == "unknown" or (proof is not None and _failed(proof))
+
+
+def _failed(proof: Proof) -> bool:
+    """Whether what was found leaves something in data on which it was not fitted."""
+    return proof.proven is False and proof.reason in ("misfit", "channel", "dependence")
 
 
 def _with_map(found: Diagnosis, corrected: Corrected, validate: Sequence[Recording]) -> Diagnosis:

@@ -23,7 +23,7 @@ from gyrowheel_analysis.diagnosis.events import explain
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
-from gyrowheel_analysis.diagnosis.unknown import Proposal, settled
+from gyrowheel_analysis.diagnosis.unknown import Proposal, family, memory_forms, settled
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
@@ -145,7 +145,8 @@ def _remembers(problem: Problem, fit: Fit, inflation: float = 0.0) -> bool:
     If nothing need be left, `inflation` is that of the gain that a term must bring.
     """
     share = MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem))
-    ranked = rank(problem.roughly(), fit, problem.memory_terms)
+    laws = problem.memory_terms
+    ranked = rank(problem.roughly(), fit, [*laws, *family(problem, memory_forms())] if laws else [])
     return any(
         gain > max(threshold(term, inflation) if inflation else ACCEPTED_GAIN_FURTHER, share)
         for gain, term in ranked

@@ -1,8 +1,9 @@
 """Free forms: formulas for an effect that no declaration describes.
 
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps at one
-speed, dead zones in the tilt, and torques that decay with time. It answers two questions: whether there is an effect
-that the registered ones do not describe, and which formula describes it.
+speed, dead zones in the tilt, and torques that decay with time; where laws with a memory are candidates also torques
+that lag behind the tilt or the speed, or that the motion of the tilt pulls along. It answers two questions: whether
+there is an effect that the registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from gyrowheel_analysis.diagnosis.selection import (
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law
+from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, LawState
 from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_rate, z_ref
 from gyrowheel_sim.effects.registry import for_bench
 
@@ -93,7 +94,13 @@ def _amplitude(name: str, kind: str) -> Coefficient:
 
 
 def _form(
-    name: str, sentence: str, target: str, shape: sp.Expr, *shapes: Coefficient, sized: str = ""
+    name: str,
+    sentence: str,
+    target: str,
+    shape: sp.Expr,
+    *shapes: Coefficient,
+    sized: str = "",
+    state: LawState | None = None,
 ) -> Term:
     law = (_a + sp.I * _b) * shape if target == "rotor_torque" else _a * shape
     names = ("a", "b") if target == "rotor_torque" else ("a",)
@@ -108,6 +115,7 @@ def _form(
         coefficients=(*amplitudes, *shapes),
         validity="the range of the recording",
         source="proposed from the recording",
+        states=(state,) if state else (),
     )
     return Term(name, effect)
 
@@ -129,7 +137,15 @@ _PLACES = {
     "tilt_bump": {"p": _OF_SPEED, "w": _OF_SPEED},
     "spin_bump": {"p": _OF_SPEED, "w": _OF_SPEED},
     "dead_zone": {"p": _OF_TILT},
+    "pulled": {"p": _OF_TILT},
 }
+
+
+def _time(description: str, value: float) -> Coefficient:
+    usual = (0.5 * value, 2.0 * value)
+    return Coefficient(
+        "s", "s", description, usual, (1.0, 1.0e4), "fitted", shape=value, shape_uncertainty=0.5 * value
+    )
 
 
 @functools.cache
@@ -184,22 +200,50 @@ def forms() -> tuple[Term, ...]:
         text = "torque on the spin, |tilt|^k, speed^q"
         result.append(_form(f"spin_tilt_{q}", text, "shaft_torque", shape, *exponents))
     for time in (15.0, 40.0, 120.0):
-        fades = Coefficient(
-            "s",
-            "s",
-            "time in which it fades",
-            (0.5 * time, 2.0 * time),
-            (1.0, 1.0e4),
-            "fitted",
-            shape=time,
-            shape_uncertainty=0.5 * time,
-        )
+        fades = _time("time in which it fades", time)
         fading = sp.exp(-_t / _s)
         text = "torque on the spin that fades with the time since the start of the recording"
         result.append(_form(f"spin_fading_{time:g}", text, "shaft_torque", fading, fades))
         text = "torque in proportion to the tilt that fades with the time since the start of the recording"
         result.append(_form(f"tilt_fading_{time:g}", text, "rotor_torque", _u * fading, fades))
     return tuple(result)
+
+
+@functools.cache
+def memory_forms() -> tuple[Term, ...]:
+    """Return the free forms with a state; the time or way over which they remember is fitted, too."""
+    result = []
+    pull, late = sp.Symbol("m", complex=True), sp.Symbol("m", real=True)
+    for way in (0.3, 1.0):
+        shapes = (
+            _shape("p", way, 0.5 * way, "way over which the pull builds up, over the reference tilt"),
+            _exponent("q", 0, "speed"),
+        )
+        state = LawState("m", "1", (z_rate - pull * sp.Abs(z_rate)) / (_p * z_ref), complex=True)
+        text = "torque that the motion of the tilt pulls along, speed^q"
+        result.append(_form(f"pulled_{way:g}", text, "rotor_torque", pull * _r**_q, *shapes, state=state))
+    for time in (4.0, 30.0):
+        lag = _time("time by which it lags", time)
+        state = LawState("m", "1", (_u - pull) / _s, _u, complex=True)
+        text = "torque that lags behind the tilt, speed^q"
+        shapes = (_exponent("q", 0, "speed"), lag)
+        result.append(_form(f"tilt_lag_{time:g}", text, "rotor_torque", pull * _r**_q, *shapes, state=state))
+        # a bearing that was at rest has another state than one that runs
+        begun = _shape("p", 0.5, 0.5, "state at the start over that of a long run", (-1.0, 2.0))
+        state = LawState("m", "1", (_r**_q - late) / _s, _p * _r**_q)
+        text = "torque on the spin that lags behind speed^q"
+        shapes = (replace(_exponent("q", 1, "speed"), bounds=(-4.0, 8.0)), lag, begun)
+        result.append(_form(f"spin_lag_{time:g}", text, "shaft_torque", late, *shapes, state=state))
+    return tuple(result)
+
+
+def family(problem: Problem, among: Sequence[Term]) -> list[Term]:
+    """Return free forms as sized on the bench of a problem, without those that the model has."""
+    return [
+        Term(t.name, for_bench(t.effect, problem.bench))
+        for t in among
+        if t.effect is not None and t.name not in problem.unknowns.known
+    ]
 
 
 def search(problem: Problem, selection: Selection, *, progress: Progress | None = None) -> Proposal | None:
@@ -212,11 +256,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """
     if progress:
         progress("comparing with forms that no declared effect has")
-    family = [
-        Term(t.name, for_bench(t.effect, problem.bench))
-        for t in forms()
-        if t.effect is not None and t.name not in problem.unknowns.known
-    ]
+    pool = family(problem, (*forms(), *memory_forms()) if problem.unknowns.memory else forms())
     base = problem.evidence(selection.best)
     starts = [selection.best]
     chosen = selection.best.terms
@@ -225,7 +265,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     if len(chosen) > 1:
         starts += [problem.fit(tuple(t for t in chosen if t != own), selection.best) for own in chosen]
     cancels = cancelling(problem, selection.best)
-    beside = rank(problem, selection.best, family)
+    beside = rank(problem, selection.best, pool)
     # a form that replaces an effect cannot explain more than one that is added to it
     able = [term for gain, term in beside if _worth(problem, gain)]
     best: Proposal | None = None
@@ -235,7 +275,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
             needed = FORM_GAIN_FOR_SEVERAL
         if cancels and start is not selection.best:
             needed = -FORM_LOSS
-        tried = able if needed == FORM_GAIN else family
+        tried = able if needed == FORM_GAIN else pool
         ranked = beside if start is selection.best else rank(problem, start, tried)
         for gain, term in _foremost(ranked):
             if _hopeless(problem, selection.best, start, gain):
@@ -333,9 +373,15 @@ def with_exponents(effect: Effect, whole: Mapping[str, int]) -> Effect:
     values = {sp.Symbol(name, real=True): sp.Integer(number) for name, number in whole.items()}
     # a whole power of the tilt from the first on is finite where the tilt vanishes, without the tiny constant
     without = {_TINY: sp.Integer(0)} if whole.get(_k.name, 1) > 0 else {}
-    laws = tuple(replace(law, expression=law.expression.subs(values).subs(without)) for law in effect.laws)
+
+    def simple(expression: sp.Expr) -> sp.Expr:
+        return expression.subs(values).subs(without)
+
     return replace(
-        effect, laws=laws, coefficients=tuple(c for c in effect.coefficients if c.name not in whole)
+        effect,
+        laws=tuple(replace(law, expression=simple(law.expression)) for law in effect.laws),
+        states=tuple(replace(s, rate=simple(s.rate), start=simple(s.start)) for s in effect.states),
+        coefficients=tuple(c for c in effect.coefficients if c.name not in whole),
     )
 
 
