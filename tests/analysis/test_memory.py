@@ -15,6 +15,7 @@ from gyrowheel_analysis.balance.history import History, course_of
 from gyrowheel_analysis.balance.motion import NODES
 from gyrowheel_analysis.channels import DRIFTS
 from gyrowheel_analysis.criteria import ACCEPTED_GAIN
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.experiment_design import detection_limits
 from gyrowheel_analysis.fitting.fit import ERRORS, Term, Unknowns
 from gyrowheel_analysis.fitting.preparation import prepare, samples_of
@@ -188,6 +189,43 @@ def test_typed_laws_with_a_memory_are_fitted_and_hold_on_unused_data(
         fit = problem.fit(())
         white = problem.noise.whiten(fit.residual)
         assert (float(white @ white) / len(white) < 1.44) == good
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "state"),
+    [
+        (
+            "warm: shaft_torque = -f*m; d(m)/dt = (r^2 - m)/tau; m(0) = 0; m [1]; tau = 6 +- 3 [s]; f = 0.002 [N*m]",
+            "r",
+        ),
+        ("drawn: i*F*s; d(s)/dt = (z_rate - s*abs(z_rate))/b; b = 0.02 +- 0.01 [rad]; F = 4e-4 [N*m]", "z_rate"),
+    ],
+    ids=("a torque on the spin that lags", "a torque across the motion"),
+)
+def test_an_unknown_law_with_a_memory_is_proposed_with_its_state_and_predicts_unused_data(
+    line: str, state: str, tmp_path: Path
+) -> None:
+    """No effect of the library has it, and no event or larger drift stands for it."""
+    law = typed_effect(line)
+    machine = hidden_machine(8, {})
+    machine = Scenario(machine.values, {law.name: law.defaults()}, machine.noise_seed, {law.name: law})
+    run, unused = (record(tmp_path, plan, machine, plan) for plan in ("quick", "check"))
+    found = diagnose([run], Model.new(), validate=[unused])
+    assert found.verdict == "unknown"
+    assert not found.events
+    (form,) = found.free_form
+    proposed = typed_effect(form.formula, name="proposed")
+    (own,) = proposed.states
+    names = {symbol.name for symbol in own.rate.free_symbols}
+    assert names & ({"z_rate"} if state == "z_rate" else {"Omega"})
+    assert found.proof is not None
+    assert found.proof.proven
+    assert found.error is not None
+    assert found.error.validation_before is not None
+    assert found.error.validation_after is not None
+    assert found.error.validation_before.chi2_per_n > 1.5
+    assert found.error.validation_after.chi2_per_n < 1.44  # 1.2 noise floors
 
 
 def test_what_holds_move_unseen_relaxes_a_friction_and_is_no_damping(tmp_path: Path) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from gyrowheel_analysis.diagnosis.unknown import forms
+from gyrowheel_analysis.diagnosis.unknown import forms, memory_forms
 from gyrowheel_sim.effects import Effect, registry
 from gyrowheel_sim.plant.scenario import UNREGISTERED
 
 EVERY: list[Effect] = [
     *registry().values(),
     *UNREGISTERED,
-    *(t.effect for t in forms() if t.effect is not None),
+    *(t.effect for t in (*forms(), *memory_forms()) if t.effect is not None),
 ]
 EACH = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gyrowheel.show.formulas import plain, pretty
-from gyrowheel_analysis.diagnosis.unknown import forms
+from gyrowheel_analysis.diagnosis.unknown import forms, memory_forms
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import Effect, effect_from_text, registry
 from gyrowheel_sim.effects.dimensions import Unit
@@ -15,7 +15,7 @@ from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
 from gyrowheel_sim.plant.scenario import UNREGISTERED
 
-EVERY = [*registry().values(), *UNREGISTERED, *(term.effect for term in forms() if term.effect is not None)]
+EVERY = [*registry().values(), *UNREGISTERED, *(t.effect for t in (*forms(), *memory_forms()) if t.effect)]
 
 
 def values(effect: Effect) -> dict[str, complex]:
