@@ -160,7 +160,7 @@ def _state(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, f
     rotor = kind.startswith("rotor")
     m = sp.Symbol("m", complex=True) if rotor else sp.Symbol("m", real=True)
     lag = sp.Symbol("T", real=True)
-    shapes = {"T": round(math.exp(rng.uniform(*map(math.log, _LAG))), 2)}
+    shapes = {"T": round(_LAG[0] * (_LAG[1] / _LAG[0]) ** rng.uniform(), 2)}
     if rng.uniform() < 0.5:
         behind = _product(kind, rng)
         start = behind if rng.uniform() < 0.5 else sp.S.Zero

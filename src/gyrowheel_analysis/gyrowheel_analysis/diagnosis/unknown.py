@@ -213,27 +213,26 @@ def forms() -> tuple[Term, ...]:
 def memory_forms() -> tuple[Term, ...]:
     """Return the free forms with a state; the time or way over which they remember is fitted, too."""
     result = []
-    pull, late = sp.Symbol("m", complex=True), sp.Symbol("m", real=True)
-    for way in (0.3, 1.0):
-        shapes = (
-            _shape("p", way, 0.5 * way, "way over which the pull builds up, over the reference tilt"),
-            _exponent("q", 0, "speed"),
-        )
-        state = LawState("m", "1", (z_rate - pull * sp.Abs(z_rate)) / (_p * z_ref), complex=True)
+    m, late = sp.Symbol("m", complex=True), sp.Symbol("m", real=True)
+    power = _exponent("q", 0, "speed")
+    for part in (0.3, 1.0):
+        way = _shape("p", part, 0.5 * part, "way over which the pull builds up, over the reference tilt")
+        state = LawState("m", "1", (z_rate - m * sp.Abs(z_rate)) / (_p * z_ref), complex=True)
         text = "torque that the motion of the tilt pulls along, speed^q"
-        result.append(_form(f"pulled_{way:g}", text, "rotor_torque", pull * _r**_q, *shapes, state=state))
+        result.append(_form(f"pulled_{part:g}", text, "rotor_torque", m * _r**_q, way, power, state=state))
     for time in (4.0, 30.0):
         lag = _time("time by which it lags", time)
-        state = LawState("m", "1", (_u - pull) / _s, _u, complex=True)
+        state = LawState("m", "1", (_u - m) / _s, _u, complex=True)
         text = "torque that lags behind the tilt, speed^q"
-        shapes = (_exponent("q", 0, "speed"), lag)
-        result.append(_form(f"tilt_lag_{time:g}", text, "rotor_torque", pull * _r**_q, *shapes, state=state))
+        result.append(_form(f"tilt_lag_{time:g}", text, "rotor_torque", m * _r**_q, power, lag, state=state))
         # a bearing that was at rest has another state than one that runs
         begun = _shape("p", 0.5, 0.5, "state at the start over that of a long run", (-1.0, 2.0))
+        behind = replace(_exponent("q", 1, "speed"), bounds=(-4.0, 8.0))
         state = LawState("m", "1", (_r**_q - late) / _s, _p * _r**_q)
         text = "torque on the spin that lags behind speed^q"
-        shapes = (replace(_exponent("q", 1, "speed"), bounds=(-4.0, 8.0)), lag, begun)
-        result.append(_form(f"spin_lag_{time:g}", text, "shaft_torque", late, *shapes, state=state))
+        result.append(
+            _form(f"spin_lag_{time:g}", text, "shaft_torque", late, behind, lag, begun, state=state)
+        )
     return tuple(result)
 
 
