@@ -330,7 +330,7 @@ def test_verdicts_are_plain_sentences():
         (
             {"smallest": 1.49},
             "Consistent with check in every channel: error of tilt x 0.123 → 0.0340 mN·m (noise 0.0320), χ²/N 0.969; "
-            "1.49 noise floors in a channel would have shown.",
+            "detection limit: 1.49 times the noise of a channel.",
         ),
         (
             {"proven": None, "reason": "no_gain", "before": 3.5e-5},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -10,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel.air_flow.picture import section
 from gyrowheel.drag_comparison.page import agreement_sentence
 from gyrowheel.drag_comparison.picture import tilts
-from gyrowheel.show.figure import columns
+from gyrowheel.show.figure import columns, finished, png_bytes, style
 from gyrowheel.show.sentences.findings import event_sentence
 from gyrowheel.workbench import coefficients, windows
 from gyrowheel.workbench.library import ROLES, Envelope, Opened
@@ -20,6 +22,8 @@ from gyrowheel.workbench.residual import residuals
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.drag.agreement import agreement
 from gyrowheel_analysis.drag.estimate import Estimate
+from gyrowheel_air.flow import shipped
+from gyrowheel_air.geometry import Geometry
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_core.wire import SECOND
@@ -160,7 +164,25 @@ def found(session: Session) -> dict[str, Any]:
         "holds": holds(session),
         "events": events(session),
         "fall": fall(session),
+        "geometry": geometry(session),
     }
+
+
+def geometry(session: Session) -> dict[str, float] | None:
+    """Return the lengths of rotor and case over the radius of the rotor, for a bench whose geometry is shipped."""
+    own = Geometry.load()
+    if session.step.model.bench.name != own.name:
+        return None
+    return {name: length.value / own.rotor_radius for name, length in own.lengths.items()}
+
+
+@functools.cache
+def flow(which: str) -> bytes:
+    """Return the computed flow of the air around the rotor as PNG: its ``"axial"`` or ``"radial"`` velocity."""
+    with style():
+        found = section(shipped(), which)
+        assert found is not None
+        return png_bytes(finished(found[0]))
 
 
 def holds(session: Session) -> dict[str, Any]:

@@ -341,6 +341,14 @@ class _Preview(_Guarded):
         self.finish(self.session.table.picture)
 
 
+class _Flow(_Guarded):
+    """The computed flow of the air around the rotor."""
+
+    async def get(self, which: str) -> None:
+        self.set_header("Content-Type", "image/png")
+        self.finish(await asyncio.to_thread(pictures.flow, which))
+
+
 class _Help(_Guarded):
     """The help page, and one page for each effect."""
 
@@ -465,6 +473,7 @@ def application(session: Session, access: Access) -> Application:
         (r"/report", _Report),
         (r"/table", _Table),
         (r"/preview\.png", _Preview),
+        (r"/flow/(axial|radial)\.png", _Flow),
         (r"/help", _Help),
         (r"/help/effect/([A-Za-z_0-9]{1,60})", _Help),
         (r"/do/([a-z_]+)", _Action),

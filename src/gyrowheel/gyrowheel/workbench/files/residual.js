@@ -44,6 +44,16 @@ hear("picked", (windows) => {
 hear("cursor", ({ time }) => line?.setv({ location: time, visible: true }));
 at("residual").addEventListener("keydown", walk);
 
+// Before and after a change of the model: any share of it, as the residual is linear in what was fitted, or nearly so.
+let ends = null; // of the dots: their source, and their values before and after
+at("residual-slide").addEventListener("input", slide);
+function slide() {
+  const part = Number(at("residual-slide").value) / 100;
+  at("residual-slid").textContent = part === 1 ? "" : `${Math.round(100 * part)} % of the change`;
+  const { source, before, after } = ends;
+  source.data = { ...source.data, residual: after.map((own, k) => before[k] + part * (own - before[k])) };
+}
+
 let seen = null;
 let variables = []; // with their titles
 export function showResidual(again = false) {
@@ -74,6 +84,8 @@ export function showResidual(again = false) {
   if (mark === drawn && !again) return;
   drawn = mark;
   line = null;
+  ends = null;
+  at("residual-slider").hidden = true;
   put("residual", null);
   at("residual").tabIndex = own ? 0 : -1;
   at("residual-said").textContent = "";
@@ -179,6 +191,12 @@ function against(own) {
   const children = own.measured ? [themed(above), themed(below)] : [themed(below)];
   put("residual", new Bokeh.Column({ children, sizing_mode: "stretch_both" }));
   link("residual", source, order);
+  const [earlier] = drawnOthers(own).filter((title) => !now.found.models.includes(title));
+  if (earlier) {
+    ends = { source, before: column(own.others[earlier].residual), after: source.data.residual };
+    at("residual-slider").hidden = false;
+    slide();
+  }
   const beyond = order.filter((k) => Math.abs(own.residual[k]) > own.sigma[k]).length;
   at("residual-said").textContent =
     (over === "time" && key !== shown()?.key ? `Of ${now.state.signals.find((each) => each.key === key)?.name}: ` : "") +

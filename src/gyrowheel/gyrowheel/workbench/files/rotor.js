@@ -1,12 +1,14 @@
 // The rotor in space at the cursor: spin axis, tilt, torque of the coils as measured and as predicted; plays with the recording.
 
-import { ask, at, colours, css, dark, fixed, hear, now, still } from "./shared.js";
+import { ask, at, colours, css, dark, element, fixed, hear, now, still } from "./shared.js";
 import { putCursor, shown, span, zoom } from "./signals.js";
 
 const TIMES = 5; // tilts are drawn so many times larger: they are a few degrees
 const SLOWER = 100; // and turns so many times slower
 const CHUNK = 100; // s of states that are asked for at once
 const TRAIL = 2; // s of the path of the axis
+const RADIUS = 0.95; // of the rotor, where the view is about 2.7 wide
+const RIBS = Array.from({ length: 24 }, (_, k) => (k * Math.PI) / 12); // of the mesh
 const canvas = at("rotor");
 const pen = canvas.getContext("2d");
 
@@ -198,8 +200,14 @@ export function show() {
   const [one, other] = colours();
   const time = cursor ?? (span() ? span()[0] : 0);
   const own = stateAt(time);
-  // the case: its axes, and the plane of the rotor without tilt
-  line(circle((a) => [1.15 * Math.cos(a), 1.15 * Math.sin(a), 0]), faint, 1);
+  // rotor and case to scale where their lengths are known, else a thin disc
+  const { rotor_height, case_radius, case_height } = now.found?.geometry ?? { rotor_height: 0.12 / RADIUS };
+  const half = 0.5 * RADIUS * rotor_height;
+  // the case: its axes, and its wall, or the plane of the rotor without tilt
+  const wall = case_radius ? RADIUS * case_radius : 1.15;
+  const rise = case_radius ? 0.5 * RADIUS * case_height : 0;
+  for (const z of rise ? [-rise, rise] : [0]) line(circle((a) => [wall * Math.cos(a), wall * Math.sin(a), z]), faint, 1);
+  if (rise) for (const a of RIBS) line([-rise, rise].map((z) => [wall * Math.cos(a), wall * Math.sin(a), z]), faint, 1);
   for (const [tip, name] of [[[1.35, 0, 0], "x"], [[0, 1.35, 0], "y"], [[0, 0, 1.3], "z"]]) {
     line([[0, 0, 0], tip], soft, 1, [3, 4]);
     write(name, project(tip), soft);
@@ -212,15 +220,16 @@ export function show() {
   const first = states.time.findIndex((each) => each >= time - TRAIL);
   const trail = first < 0 ? [] : states.tilt_x.slice(first, own.k).map((x, k) => axisOf(x, states.tilt_y[first + k]));
   if (trail.length > 1) line(trail, soft, 1.5);
-  // the rotor: a disc with a rim and one marked spoke
+  // the rotor: a cylinder with one marked spoke
+  const ends = [-half, half].map((h) => circle((a) => rim(a, RADIUS, h)));
   pen.beginPath();
-  circle((a) => rim(a, 0.95, -0.06)).forEach((point, k) => (k ? pen.lineTo(...project(point)) : pen.moveTo(...project(point))));
-  circle((a) => rim(a, 0.95, 0.06)).forEach((point, k) => (k ? pen.lineTo(...project(point)) : pen.moveTo(...project(point))));
+  for (const end of ends) end.forEach((point, k) => (k ? pen.lineTo(...project(point)) : pen.moveTo(...project(point))));
   pen.fillStyle = dark.matches ? "rgba(140, 160, 180, 0.28)" : "rgba(90, 110, 130, 0.22)";
   pen.fill("nonzero");
-  line(circle((a) => rim(a, 0.95, -0.06)), soft, 1);
-  line(circle((a) => rim(a, 0.95, 0.06)), ink, 1.5);
-  for (let k = 0; k < 6; k++) line([rim(angle + (k * Math.PI) / 3, 0.12, 0.06), rim(angle + (k * Math.PI) / 3, 0.95, 0.06)], k ? soft : ink, k ? 1 : 3);
+  line(ends[0], soft, 1);
+  line(ends[1], ink, 1.5);
+  if (case_radius) for (const a of RIBS) line([-half, half].map((h) => rim(angle + a, RADIUS, h)), soft, 0.7);
+  for (let k = 0; k < 6; k++) line([0.12, RADIUS].map((r) => rim(angle + (k * Math.PI) / 3, r, half)), k ? soft : ink, k ? 1 : 3);
   arrow([0, 0, 0], n.map((each) => 1.15 * each), ink, 2, "spin axis");
   // torques lie in the plane of the case
   const hold = holdAt(time);
@@ -248,6 +257,17 @@ function read(own, hold, time) {
   at("rotor-said").textContent = text;
   canvas.setAttribute("aria-label", text ? `The rotor at ${text}` : "The rotor");
   if (own && document.activeElement !== at("rotor-time")) at("rotor-time").value = time;
+}
+
+// --- the flow of the air, when asked for
+
+for (const button of at("rotor-flow").querySelectorAll("button")) {
+  button.addEventListener("click", () => {
+    for (const each of at("rotor-flow").querySelectorAll("button")) each.setAttribute("aria-pressed", String(each === button));
+    const which = button.dataset.flow;
+    const picture = element("img", undefined, { src: `/flow/${which}.png`, alt: `Computed ${which} velocity of the air on a section across the axis of the tilt, without tilt and at 5°` });
+    at("rotor-flow").querySelector("div").replaceChildren(picture);
+  });
 }
 
 // --- turning the view: drag, or the arrow keys
