@@ -16,6 +16,7 @@ from gyrowheel_recording.bags.reader import Integrity, Recording, usual_step
 from gyrowheel_recording.derived import ASSUMED, assumed_rig, origins_in_words
 
 _HOLD = 1  # Setpoint.HOLD
+_PART = 1 << 16  # samples
 _SAME_RATE = 0.1  # part by which a mean rate is off where a bench stood still for long
 
 
@@ -97,10 +98,16 @@ def _assumed(recording: Recording) -> tuple[str, ...]:
     never = [
         f"{name} (that of the bench is taken)"
         for name in ASSUMED
-        if name not in origins and not np.isfinite(recording.measurement[name]).any()
+        if name not in origins and not _has_values(recording.measurement[name])
     ]
     bench = () if recording.carried_bench else ("the bench (that of the model is taken)",)
     return (*assumed_rig(recording.environment), *bench, *origins_in_words(origins), *never)
+
+
+def _has_values(column: NDArray[np.float64]) -> bool:
+    """Whether any value is finite; the first part with one ends the search."""
+    parts = (column[first : first + _PART] for first in range(0, len(column), _PART))
+    return any(bool(np.isfinite(part).any()) for part in parts)
 
 
 def _rate(recording: Recording) -> float:

@@ -12,6 +12,7 @@ const OTHERS = ["#009E73", "#CC79A7"]; // lines of the recording that is drawn o
 let own = null; // the recording that is shown
 let other = ""; // key of the one that is drawn over it, from its start on
 let figures = [];
+let empty = false; // whether there is nothing to draw
 let range = null;
 let parts = []; // sources of each panel: lines, setpoints, predicted levels
 let marks = null; // windows chosen, events, ranges with a use of their own, the range that is being marked
@@ -52,8 +53,7 @@ export async function showSignals() {
     if (!figures.length) draw(); // while a recording is read: its lines are to come soon
     at("span").textContent = "";
   } else if (!signals.length) {
-    put("plots", null);
-    figures = [];
+    if (!empty) blank();
     cursor = null;
     at("span").textContent = "Open a recording on the left.";
   } else if (!own) {
@@ -61,6 +61,14 @@ export async function showSignals() {
     if (signals.some((each) => each.key === key)) await choose(key, from, until);
     else await choose(signals[0].key);
   }
+}
+
+// Makes the figures before there is anything to draw, when the browser has time: the first recording is then shown sooner.
+function blank() {
+  put("plots", null);
+  figures = [];
+  empty = true;
+  (window.requestIdleCallback ?? setTimeout)(() => empty && !figures.length && draw());
 }
 
 // The other open recordings, one of which can be drawn over the one that is shown.
@@ -92,6 +100,7 @@ export async function choose(key, from, until) {
     putRange(null, null);
   }
   own = wanted;
+  empty = false;
   if (!figures.length) draw();
   press();
   showOthers();
@@ -158,7 +167,7 @@ function draw() {
     cursors.push(line);
     figure.on_event("mousemove", (event) => {
       at("readout").setAttribute("aria-live", "off");
-      if (Number.isFinite(event.x)) putCursor(event.x);
+      if (own && Number.isFinite(event.x)) putCursor(event.x);
     });
     return figure;
   });
@@ -454,8 +463,8 @@ at("plots").addEventListener("keydown", (event) => {
 
 export async function redraw() {
   const before = span();
+  if (!own) return void (empty && blank());
   figures = [];
-  if (!own) return;
   await choose(own.key, ...(before ?? []));
   if (cursor !== null) putCursor(cursor); // on the new picture
 }
