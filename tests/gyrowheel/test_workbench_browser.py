@@ -159,6 +159,19 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         press(enabled(first.locator("[data-do=undo]")))
         expect(first.locator("#part-recordings .ranges")).to_have_count(0)
         press(first.locator("#range-mark"))
+        # a channel by a formula, whose unit is shown while it is typed
+        press(first.locator("#derive-show"))
+        first.locator("#derive").fill("V_x*abs(Omgea)")
+        expect(first.locator("[data-trouble=derive]")).to_contain_text("Omgea")
+        first.locator("#derive").fill("V_x*abs(z)")
+        expect(first.locator("#derive-said")).to_contain_text("V")
+        press(enabled(first.locator("#derive-add")))
+        expect(first.locator("#plots canvas")).not_to_have_count(0)
+        expect(second.locator("#derived button")).to_have_count(1)
+        assert faults(first) == []
+        press(first.locator("#derived button"))
+        expect(first.locator("#derived button")).to_have_count(0)
+        press(first.locator("#derive-show"))
         # where, and what is missing
         press(enabled(first.locator("#part-verdict button[data-do=diagnose]")))
         expect(first.locator("[data-verdict=effect]")).to_contain_text("windage")
@@ -221,6 +234,13 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         expect(first.locator(".column")).to_have_count(2)
         go("look")
         expect(first.locator("#rotor-said")).to_contain_text("mN·m")
+        press(first.locator("#rotor-flow summary"))
+        press(first.locator("[data-flow=axial]"))
+        assert (
+            first.locator("#rotor-flow img").evaluate("(own) => own.decode().then(() => own.naturalWidth)")
+            > 900
+        )
+        assert faults(first) == []
         go("what")
         press(enabled(first.get_by_role("button", name="Write the report")))
         expect(first.get_by_role("link", name="Open the report")).to_be_visible()
@@ -281,6 +301,8 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         press(enabled(first.locator("#part-verdict button[data-do=add_all]")))
         expect(first.locator("#part-model .card")).to_contain_text("windage")
         expect(first.locator("#residual-others")).to_contain_text("no effects: χ²/N")  # drawn over it
+        press(first.locator("#residual-slide"), "Home")
+        expect(first.locator("#residual-slid")).to_contain_text("0 % of the change")
         assert faults(first) == []
         go("proof")
         expect(first.locator("#fall canvas").first).to_be_visible()

@@ -47,7 +47,9 @@ def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
         return f"Not tested on anything that was not fitted: too few windows to leave some out. {HOW}"
     if not proof.proven:
         return f"NOT consistent{on}: {_parts(proof)}{_why(proof, table)}."
-    power = f"; detection limit: {fixed(proof.smallest)} times the noise of a channel" if proof.smallest else ""
+    power = (
+        f"; detection limit: {fixed(proof.smallest)} times the noise of a channel" if proof.smallest else ""
+    )
     return f"Consistent{on} in every channel: {_parts(proof)}{_error(proof, table)}{power}."
 
 

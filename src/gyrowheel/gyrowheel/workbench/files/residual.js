@@ -49,7 +49,7 @@ let ends = null; // of the dots: their source, and their values before and after
 at("residual-slide").addEventListener("input", slide);
 function slide() {
   const part = Number(at("residual-slide").value) / 100;
-  at("residual-slid").textContent = part === 1 ? "" : `${Math.round(100 * part)} % of the change`;
+  at("residual-slid").textContent = part === 1 ? "" : `, ${Math.round(100 * part)} % of the change`;
   const { source, before, after } = ends;
   source.data = { ...source.data, residual: after.map((own, k) => before[k] + part * (own - before[k])) };
 }

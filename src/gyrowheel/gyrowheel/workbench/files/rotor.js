@@ -266,7 +266,9 @@ for (const button of at("rotor-flow").querySelectorAll("button")) {
     for (const each of at("rotor-flow").querySelectorAll("button")) each.setAttribute("aria-pressed", String(each === button));
     const which = button.dataset.flow;
     const picture = element("img", undefined, { src: `/flow/${which}.png`, alt: `Computed ${which} velocity of the air on a section across the axis of the tilt, without tilt and at 5°` });
-    at("rotor-flow").querySelector("div").replaceChildren(picture);
+    const link = element("a", undefined, { href: picture.src, target: "_blank", rel: "noopener" }); // in its full size
+    link.append(picture);
+    at("rotor-flow").querySelector("div").replaceChildren(link);
   });
 }
 

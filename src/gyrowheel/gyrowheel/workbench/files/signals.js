@@ -151,9 +151,9 @@ function draw() {
     figure.vstrip({ field: "x0" }, { field: "x1" }, {
       source: marks.events, fill_color: "#CC79A7", fill_alpha: 0.35, line_color: "#CC79A7", line_width: 2,
     });
-    const zeros = (names, of) => new Bokeh.ColumnDataSource({ data: Object.fromEntries(names.map((name) => [name, of])) });
+    const nothing = (names) => new Bokeh.ColumnDataSource({ data: Object.fromEntries(names.map((name) => [name, []])) });
     const names = panel.columns.map((each) => each.name);
-    const part = { names, lines: zeros(["t", ...names], [0, 1]), others: zeros(["t", ...names], []), setpoints: zeros(["t", ...names], []), levels: zeros(["x0", "x1", "y"], []) };
+    const part = { names, lines: nothing(["t", ...names]), others: nothing(["t", ...names]), setpoints: nothing(["t", ...names]), levels: nothing(["x0", "x1", "y"]) };
     parts.push(part);
     panel.columns.forEach(({ name, label }, c) => {
       const several = panel.columns.length > 1 ? { legend_label: label } : {};
