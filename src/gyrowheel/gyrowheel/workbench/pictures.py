@@ -20,10 +20,10 @@ from gyrowheel.workbench import coefficients, windows
 from gyrowheel.workbench.library import ROLES, Envelope, Opened
 from gyrowheel.workbench.residual import residuals
 from gyrowheel.workbench.session import Session
-from gyrowheel_analysis.drag.agreement import agreement
-from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_air.flow import shipped
 from gyrowheel_air.geometry import Geometry
+from gyrowheel_analysis.drag.agreement import agreement
+from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_core.wire import SECOND
