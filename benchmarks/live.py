@@ -34,7 +34,7 @@ MINUTES = 10.0
 _DOMAIN = 63
 _BEGUN_S = 5.0  # of a span that do not count: the page is opening
 _PATIENCE = 120.0  # s
-_SETTLED_S = 90.0  # after which memory is compared: until then the page fills its minute of samples
+_SETTLED_S = 90.0  # of the first look at the memory: until then the page fills its minute of samples
 _PACE_S = 5.0  # between two readings of the memory
 _SEEN = "import('/files/live.js').then(({ seen }) => [seen.frames, seen.bins])"
 
@@ -49,8 +49,9 @@ class _Span:
     marks: list[tuple[float, float, float]] = field(default_factory=list)
     frames: float = float("nan")  # per second
     received: float = float("nan")  # of the samples
-    memory: list[tuple[float, float]] = field(default_factory=list)  # process of the page, browser [MB]
-    heaps: list[float] = field(default_factory=list)  # of the scripts, at the first reading and the end [MB]
+    #: Heap of the scripts, process of the page, browser; at the first look and at the end, after a collection [MB].
+    kept: list[tuple[float, float, float]] = field(default_factory=list)
+    most: float = 0.0  # of the process of the page, with what is not collected yet [MB]
 
     def slopes(self) -> tuple[float, float]:
         """Return simulated and processor time per wall time."""
@@ -82,23 +83,19 @@ def _report(real: Sequence[_Span], steps: Sequence[_Span]) -> Report:
         return Figure(name, next(values), "s/s", "not watched", next(values), bar)
 
     watched = next(own for own in real if own.watched)
-    pages, browsers = zip(*watched.memory, strict=True)
-
-    def growth(sizes: Sequence[float]) -> float:
-        third = max(len(sizes) // 3, 1)
-        return 100.0 * (median(sizes[-third:]) / median(sizes[:third]) - 1.0)
-
+    first, last = watched.kept
+    growth = [100.0 * (after / before - 1.0) for before, after in zip(first, last, strict=True)]
     flat = Bar("<", 10.0)
     return Report(
         "Live pane",
         [
             Figure("frames", watched.frames, "1/s", bar=Bar(">=", 25.0)),
             Figure("samples received", 100.0 * watched.received, "%", bar=Bar(">=", 99.0)),
-            Figure("memory of the page", median(pages), "MB"),
-            Figure("growth: memory of the page", growth(pages), "%", bar=flat),
-            Figure("memory of the browser", median(browsers), "MB"),
-            Figure("growth: memory of the browser", growth(browsers), "%", bar=flat),
-            Figure("growth: heap of its scripts", growth(watched.heaps), "%", bar=flat),
+            Figure("memory of the page", last[1], "MB"),
+            Figure("growth: memory of the page", growth[1], "%", bar=flat),
+            Figure("growth: memory of the browser", growth[2], "%", bar=flat),
+            Figure("growth: heap of its scripts", growth[0], "%", bar=flat),
+            Figure("memory of the page, most", watched.most, "MB"),
             figure("graph in real time", real, 0, Bar(">=", 0.97, "ratio")),
             figure("processor time of its nodes", real, 1),
             figure("graph in lock-step", steps, 0),
@@ -107,10 +104,9 @@ def _report(real: Sequence[_Span], steps: Sequence[_Span]) -> Report:
             f"Whole graph and page on one computer, load average {os.getloadavg()[2]:.1f} on {os.cpu_count()} cores. "
             f"In real time: 2 kHz, {watched.seconds / 60.0:g} min watched, a minute without before and after. Graph: "
             "simulated over wall time. Memory: private memory of the process of the page, and of all processes of the "
-            f"browser, every {_PACE_S:g} s after the first {_SETTLED_S:g} s, in which the page fills its minute of "
-            "samples; growth from the first third to the last. Heap: after a collection, then and at the end. No tool "
-            "is connected to the browser meanwhile. In lock-step, where nodes, server and browser share the cores: by "
-            "turns of 25 s.",
+            f"browser, after a collection, {_SETTLED_S:g} s after the page has its first samples and at the end; the most, "
+            f"of a reading every {_PACE_S:g} s, with what the browser has not collected. No tool is connected to the "
+            "browser meanwhile. In lock-step, where nodes, server and browser share the cores: by turns of 25 s.",
         ],
     )
 
@@ -180,15 +176,14 @@ def _watch(browser: _Browser, url: str, own: _Span) -> None:
     began, (frames, bins) = time.monotonic(), page.value(_SEEN)
     simulated = own.marks[-1][1] if own.marks else 0.0
     while (since := time.monotonic() - began) < own.seconds:
-        if since >= _SETTLED_S and not own.heaps:
-            own.heaps.append(page.heap())
-        if own.heaps:
-            own.memory.append(browser.memory())
+        if since >= _SETTLED_S and not own.kept:
+            own.kept.append((page.heap(), *browser.memory()))
+        own.most = max(own.most, browser.memory()[0])
         time.sleep(_PACE_S)
     now = page.value(_SEEN)
     own.frames = (now[0] - frames) / (time.monotonic() - began)
     own.received = 0.01 * (now[1] - bins) / (own.marks[-1][1] - simulated)
-    own.heaps.append(page.heap())
+    own.kept.append((page.heap(), *browser.memory()))
     page.close()
 
 

@@ -18,6 +18,7 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 if TYPE_CHECKING:
     from gyrowheel.models.api import Model
     from gyrowheel.report.content import ReportContent
+    from gyrowheel_analysis.diagnosis.proof_result import Proof
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.residuals.error_table import ErrorTable
 
@@ -62,7 +63,8 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
 
 def _sure(report: ReportContent) -> list[str]:
     """Return what else could explain the recordings, and what they could not show; the page has the proof before it."""
-    found, lines = report.diagnosis, []
+    found = report.diagnosis
+    lines = _plainly(found.proof)
     tied = {name: [tie.name for tie in ties] for name, ties in found.ties.items() if ties}
     lines += [
         f"These recordings cannot tell {name} from {listed(ties, 'or')}." for name, ties in tied.items()
@@ -72,11 +74,28 @@ def _sure(report: ReportContent) -> list[str]:
     hidden = sorted({limit.effect for limit in found.limits if not limit.visible})
     if len(hidden) > _MOST_NAMED:
         lines.append(
-            f"{len(hidden)} known effects of usual size would not show in these recordings (Detection limits)."
+            f"Not excluded: {len(hidden)} known effects, which at their usual size would not show in these recordings "
+            "(section Detection limits)."
         )
     elif hidden:
-        lines.append(f"Of usual size, {listed(hidden, 'and')} would not show in these recordings.")
+        library = report.model.details.library
+        names = [f"{library[name].title} ({name})" if name in library else name for name in hidden]
+        lines.append(
+            f"Not excluded, because at a usual size they would not show in these recordings: {listed(names, 'and')}."
+        )
     return lines
+
+
+def _plainly(proof: Proof | None) -> list[str]:
+    """Return what the proof means, for a reader who meets its words for the first time."""
+    if proof is None or proof.proven is None:
+        return []
+    unused = f"the data that were not used to fit ({proof.recording})"
+    if proof.left_out:
+        unused = "each part that is left out of the fit"
+    if proof.proven:
+        return [f"That is: with the findings, the model predicts {unused} to within the noise (χ²/N near 1)."]
+    return [f"That is: even with the findings, the model does not predict {unused} to within the noise."]
 
 
 def _meaning(report: ReportContent) -> list[str]:
@@ -93,8 +112,8 @@ def _meaning(report: ReportContent) -> list[str]:
         sizes = [short(value / unit.size) for value in (before, after, noise)]
         what = LISTED[name].subject
         lines.append(
-            f"{what[:1].upper()}{what[1:]} ({LISTED[name].title}): the model is wrong by {sizes[0]} {unit.label} rms, "
-            f"with the findings by {sizes[1]} {unit.label}; noise is {sizes[2]} {unit.label}."
+            f"{what[:1].upper()}{what[1:]} ({LISTED[name].title}): the error of the model is {sizes[0]} {unit.label} "
+            f"rms, with the findings {sizes[1]} {unit.label}; the noise is {sizes[2]} {unit.label}."
         )
         lines += _consequence(report, name, before)
     if not lines:
@@ -129,7 +148,9 @@ def _consequence(report: ReportContent, name: str, size: float) -> list[str]:
     if channel.quantity == "coil_torque" and channel.group == "average" and slow > 0.0:
         drift = size / (bench.value("rotor_inertia_z") * slow)
         rate, speed = short(drift / DEG), short(slow / RPM)
-        return [f"Not corrected, such a torque turns a free spin axis by {rate} °/s at {speed} rpm."]
+        return [
+            f"Not corrected, a torque of that size makes a free spin axis drift by {rate} °/s at {speed} rpm."
+        ]
     return []
 
 
@@ -143,7 +164,8 @@ def _advice(report: ReportContent) -> list[str]:
         lines.append("Use the corrected model, which has the findings.")
     elif found.effects and not tied:
         lines.append(
-            f"Add {listed([own.name for own in found.effects], 'and')} to the model (How to repeat it: Next)."
+            f"Add {listed([own.name for own in found.effects], 'and')} to the model; section How to repeat it has the "
+            "command."
         )
     elif found.map is not None and not found.free_form:
         lines.append("Use the map as a correction within its range, and look for its cause.")
@@ -152,11 +174,11 @@ def _advice(report: ReportContent) -> list[str]:
     test = found.next_test
     if test is not None:
         why = (
-            "to settle it"
+            "To settle it"
             if found.verdict not in ("nothing_missing", "effect")
-            else "if more certainty is needed"
+            else "If more certainty is needed"
         )
-        lines.append(f"Run plan {test.plan} ({test.minutes:.1f} min), {why}: it {purpose(test)}.")
+        lines.append(f"{why}, record the test plan {test.plan} ({test.minutes:.1f} min): it {purpose(test)}.")
     if not lines:
         lines.append(
             "Nothing: use the model as it is."

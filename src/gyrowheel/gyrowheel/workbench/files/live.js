@@ -22,6 +22,7 @@ let drawn = 0; // ms
 let paused = false;
 let held = 0; // `end` where it is paused
 let pointer = null; // px
+let palette = null; // colours of the theme: asked for once, not for every picture
 
 // --- which bench, and what of it is in sight
 
@@ -42,7 +43,7 @@ at("live-span").addEventListener("change", () => ask());
 canvas.addEventListener("pointermove", (event) => ((pointer = event.offsetX), ask()));
 canvas.addEventListener("pointerleave", () => ((pointer = null), ask()));
 document.addEventListener("visibilitychange", connect);
-dark.addEventListener("change", () => ask());
+dark.addEventListener("change", () => ((palette = null), ask()));
 hear("layout", () => connect());
 new ResizeObserver(() => (connect(), ask())).observe(canvas);
 
@@ -147,12 +148,12 @@ function draw() {
   const from = last - count;
   const wide = width - LEFT - 4;
   const across = (number) => LEFT + (wide * (number - from)) / count;
-  const colour = { ink: css("--ink"), soft: css("--soft"), line: css("--line"), lines: colours() };
+  palette ??= { ink: css("--ink"), soft: css("--soft"), line: css("--line"), ground: css("--code"), lines: colours() };
   const high = (height - 22) / PANELS.length;
   const begin = Math.max(first, from);
-  PANELS.forEach((panel, k) => strip(panel, begin, last, across, k * high + 3, high - 6, width, colour));
+  PANELS.forEach((panel, k) => strip(panel, begin, last, across, k * high + 3, high - 6, width));
   // time below all
-  pen.fillStyle = colour.soft;
+  pen.fillStyle = palette.soft;
   pen.textAlign = "center";
   const step = count * BIN > 30 ? 10 : count * BIN > 10 ? 5 : 1;
   const start = from * BIN - (zero ?? 0);
@@ -162,7 +163,7 @@ function draw() {
   const under = pointer === null ? null : Math.floor(from + ((pointer - LEFT) / wide) * count);
   const there = under !== null && under >= begin && under < last;
   if (there) {
-    pen.fillStyle = colour.ink;
+    pen.fillStyle = palette.ink;
     pen.fillRect(pointer, 0, 1, height - 20);
   }
   read(there ? under : last - 1, there);
@@ -170,7 +171,8 @@ function draw() {
 }
 
 // One panel: its axis, holds, setpoints, and between the extremes of each group of bins a line.
-function strip(panel, begin, last, across, top, high, width, { ink, soft, line, lines }) {
+function strip(panel, begin, last, across, top, high, width) {
+  const { ink, soft, line, ground, lines } = palette;
   const columns = panel.columns.map(({ name }) => [`low ${name}`, `high ${name}`, name].map((each) => ROW.indexOf(each)));
   let [low, most] = [Infinity, -Infinity];
   for (const each of columns) for (const c of each) for (let k = begin; c >= 0 && k < last; k++) {
@@ -181,7 +183,7 @@ function strip(panel, begin, last, across, top, high, width, { ink, soft, line, 
   const marks = low <= most ? ticks(low, most) : [];
   const [bottom, above] = marks.length ? [marks[0][0], marks.at(-1)[0]] : [0, 1];
   const up = (own) => top + high - (high * (own - bottom)) / (above - bottom);
-  pen.fillStyle = css("--code");
+  pen.fillStyle = ground;
   const holds = now.live[key];
   holds?.start.forEach((start, k) => {
     const [one, other] = [start, holds.end[k]].map((time) => Math.max(across((time + zero) / BIN), LEFT));

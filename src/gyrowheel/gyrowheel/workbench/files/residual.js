@@ -164,7 +164,8 @@ function against(own) {
   });
   const range = new Bokeh.DataRange1d();
   // windows far noisier than the others do not set the scale
-  const reach = 1.15 * Math.max(...order.filter((k) => !w.noisy[k]).map((k) => Math.abs(own.residual[k]) + own.sigma[k]));
+  const sizes = (k) => [Math.abs(own.residual[k]) + own.sigma[k], ...drawnOthers(own).map((title) => Math.abs(own.others[title].residual[k]))];
+  const reach = 1.15 * Math.max(...order.filter((k) => !w.noisy[k]).flatMap(sizes));
   const outside = reach > 0 ? order.filter((k) => Math.abs(own.residual[k]) > reach).length : 0;
   const title = now.found.variables.find((each) => each.variable === over).title;
   // what is left gets most of the room
