@@ -105,7 +105,7 @@ def _report(real: Sequence[_Span], steps: Sequence[_Span]) -> Report:
             f"In real time: 2 kHz, {watched.seconds / 60.0:g} min watched, a minute without before and after. Graph: "
             "simulated over wall time. Memory: private memory of the process of the page, and of all processes of the "
             f"browser, after a collection, {_SETTLED_S:g} s after the first pictures and at the end; the most of the "
-            f"page, every {_PACE_S:g} s, with what is not collected yet. No tool is connected to the browser meanwhile. "
+            f"page, every {_PACE_S:g} s, with what is not collected yet. No tool is connected to it meanwhile. "
             "In lock-step, where nodes, server and browser share the cores: by turns of 25 s.",
         ],
     )
