@@ -3,6 +3,7 @@
 import { P, ask, at, colours, complete, css, element, hear, now, put, remember, remembered, say, send, tell, themed } from "./shared.js";
 
 const POINTS = 2000;
+const SETTLED = 500; // ms after which the page is there
 const MEASURED = JSON.parse(at("plots").dataset.panels);
 const NAMES = JSON.parse(at("derive").dataset.names);
 // The panels of the recording: what is measured, and derived channels.
@@ -63,12 +64,12 @@ export async function showSignals() {
   }
 }
 
-// Makes the figures before there is anything to draw, when the browser has time: the first recording is then shown sooner.
+// Makes the figures before there is anything to draw, once the rest of the page is there: the first recording is then shown sooner.
 function blank() {
   put("plots", null);
   figures = [];
   empty = true;
-  (window.requestIdleCallback ?? setTimeout)(() => empty && !figures.length && draw());
+  setTimeout(() => empty && !figures.length && draw(), SETTLED);
 }
 
 // The other open recordings, one of which can be drawn over the one that is shown.
