@@ -228,11 +228,15 @@ def memory_forms() -> tuple[Term, ...]:
         # a bearing that was at rest has another state than one that runs
         begun = _shape("p", 0.5, 0.5, "state at the start over that of a long run", (-1.0, 2.0))
         behind = replace(_exponent("q", 1, "speed"), bounds=(-4.0, 8.0))
-        state = LawState("m", "1", (_r**_q - late) / _s, _p * _r**_q)
-        text = "torque on the spin that lags behind speed^q"
-        result.append(
-            _form(f"spin_lag_{time:g}", text, "shaft_torque", late, behind, lag, begun, state=state)
-        )
+        of_tilt = (_square + _TINY) ** (_k / 2) * _r**_q
+        for name, text, drive, exponents in (
+            ("spin_lag", "speed^q", _r**_q, (behind,)),
+            ("spin_tilt_lag", "|tilt|^k, speed^q", of_tilt, (_exponent("k", 2, "tilt"), power)),
+        ):
+            state = LawState("m", "1", (drive - late) / _s, _p * drive)
+            text = f"torque on the spin that lags behind {text}"
+            shapes = (*exponents, lag, begun)
+            result.append(_form(f"{name}_{time:g}", text, "shaft_torque", late, *shapes, state=state))
     return tuple(result)
 
 
