@@ -17,6 +17,7 @@ SUBJECTS = {
     "stalls": "the plant stopped twenty times in a real-time run: accuracy of the reported stalls",
     "diagnosis": "time and memory of a diagnosis, for minutes and for an hour of samples, stage by stage",
     "workbench": "an hour in the browser: opening, zoom, memory, compared with plotly-resampler; delay of a diagnosis",
+    "load": "200 jobs, 20 saves and 300 connections of the workbench: time of its answers, memory",
     "live": "the live pane next to a bench in real time: frames, memory of the browser, pace of the graph",
     "recording": "columns read per second, rosbags and mcap_ros2 as peers; the recorder at 10 000 messages/s, killed",
     "solver": "one fit of a recording, our Gauss-Newton compared with SciPy's least_squares: time, same minimum",

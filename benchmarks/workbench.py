@@ -189,7 +189,7 @@ def _look(folder: Path, window: Any, progress: Callable[[float], None]) -> dict[
         expect(page.locator("#job button")).to_have_count(0, timeout=1e3 * _PATIENCE)
         compared = _most_memory(process.pid)
         page.wait_for_timeout(1000.0)  # until freed memory is returned
-        kept = _memory(process.pid)
+        kept = resident_memory(process.pid)
         page.close()
     progress(0.8)
     memories = {"memory": memory, "compared": compared, "kept": kept}
@@ -390,15 +390,15 @@ def _await_port(port: int) -> None:
             return
 
 
-def _memory(pid: int, which: str = "VmRSS") -> float:
-    """Return the memory of a process [GB]."""
+def resident_memory(pid: int, which: str = "VmRSS") -> float:
+    """Return the memory of a process [GB]: now, or by the name of another figure of its status."""
     status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     return 1.024e-6 * float(next(line.split()[1] for line in status.splitlines() if line.startswith(which)))
 
 
 def _most_memory(pid: int) -> float:
     """Return the peak memory of a process [GB]."""
-    return _memory(pid, "VmHWM")
+    return resident_memory(pid, "VmHWM")
 
 
 def serve(folder: str) -> None:
