@@ -80,6 +80,19 @@ def test_few_samples_have_the_stated_noise(samples: Samples) -> None:
     assert reading_noise(few, BENCH) == pytest.approx(STATED)
 
 
+@pytest.mark.parametrize("first", [2**63 - 5000, 2**64 - 5000])
+def test_large_numbers_of_samples_find_the_same_commands(first: int, tmp_path: Path) -> None:
+    """Numbers of 64 bits need not fit into a signed integer, and begin again at 0."""
+    usual = record(tmp_path, "run", hidden_machine(3, {}), "check")
+    rows = {"measurement": usual.measurement.copy(), "command": usual.command.copy()}
+    rows["measurement"]["sequence"] += np.uint64(first)
+    rows["command"]["measurement_sequence"] += np.uint64(first)
+    found, expected = samples_of(replace(usual, **rows)).commanded, samples_of(usual).commanded
+    assert found is not None
+    assert expected is not None
+    assert np.array_equal(found.places, expected.places)
+
+
 def test_noise_estimate_ignores_samples_before_the_first_command(samples: Samples) -> None:
     """Before its first command nothing but the sensor is in the voltages, and rounding in what counts as commanded."""
     assert samples.commanded is not None

@@ -145,13 +145,14 @@ def _commanded(recording: Recording) -> Commanded | None:
     commands, samples = recording.given_commands, recording.measurement["sequence"]
     if not len(commands) or len(commands) < len(samples) // 2:
         return None
-    answered = commands["measurement_sequence"].astype(np.int64)
+    # counted from the first sample: their numbers may be too large for a signed integer, and wrap
+    answered = (commands["measurement_sequence"] - samples[0]).astype(np.int64)
     if np.any(answered[1:] < answered[:-1]):
         return None
     places = np.empty(len(samples), np.int32)  # enough for twelve days
 
     def find(first: int, last: int) -> None:
-        shown = samples[first:last].astype(np.int64) - _ANSWER
+        shown = (samples[first:last] - samples[0]).astype(np.int64) - _ANSWER
         places[first:last] = np.maximum(np.searchsorted(answered, shown, side="right") - 1, 0)
 
     by_blocks(len(samples), find)
