@@ -38,7 +38,7 @@ segments:
 """
 _RECORDINGS = ("drag", "other")
 _PAGES = ("/", "/state", "/found", "/help")
-_PAUSE = 0.05  # s between two requests
+_PAUSE = 0.2  # s between two requests
 _HELD = 2.0  # s for which another process holds the model
 _HOLDS = """
 import sys

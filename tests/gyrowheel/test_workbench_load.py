@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
+import random
 import resource
 import shutil
 import socket
@@ -19,10 +21,11 @@ import gyrowheel as gw
 from gyrowheel.workbench import server as workbench_server
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
-from gyrowheel.workbench.session import Session
+from gyrowheel.workbench.session import Session, Step
 
 from .conftest import Wheel
 from .helpers import ask
+from .killing import killed
 
 _HOLDS = """\
 import sys
@@ -73,6 +76,34 @@ def test_saving_waits_for_another_process_and_the_page_is_answered_meanwhile(
         assert server.session.saved.endswith("other.yaml")
         holder.communicate()
     assert model.read_bytes() == before  # what was ended writes nothing later
+
+
+def test_a_workbench_killed_while_it_saves_leaves_the_old_or_the_new_model(
+    wheel: Wheel, tmp_path: Path
+) -> None:
+    model, rng = tmp_path / "model.yaml", random.Random(4)
+    shutil.copy(wheel.model, model)
+    both = [gw.Model.load(model), gw.Model("dtg")]
+    contents = [own.to_dict() for own in both]
+    assert contents[0] != contents[1]
+
+    def save() -> None:
+        session = Session(Library([wheel.recording.parent]), both[0], model)
+        session.steps.append(Step(both[1]))
+        with Server(session, port=0) as own:
+            (tmp_path / "begun").touch()
+            for action in itertools.cycle(("undo", "redo")):
+                assert ask(own, f"/do/{action}", {})[0] == 200
+                assert ask(own, "/do/save", {"name": "model.yaml"})[0] == 200
+                session.wait(240.0)
+
+    for _ in range(10):
+        (tmp_path / "begun").unlink(missing_ok=True)
+        assert not killed(save, rng.uniform(0.0, 0.2), (tmp_path / "begun").exists)
+        assert gw.Model.load(model).to_dict() in contents
+    both[1].save(model)
+    (tmp_path / "begun").unlink()
+    assert [place.name for place in tmp_path.iterdir()] == ["model.yaml"]
 
 
 @pytest.mark.parametrize("few", [False, True])
