@@ -12,13 +12,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import urllib.request
 from collections.abc import Sequence
 from pathlib import Path
 
 from tools.lock import ROOT, needed_to_run, needed_to_test
 
 BUILD = ROOT / "build"
-#: What is tried: the version, a simulation, its diagnosis, and the graph of nodes.
+#: What is tried: the version, a simulation, its diagnosis, the graph of nodes, and all of it together.
 _TRIED = (
     "--version",
     "simulate --plan quick -o simulated --effect aero_cross --machine 6",
@@ -26,6 +27,7 @@ _TRIED = (
     "diagnose simulated --model wheel.yaml",
     "up --plan check --record recorded",
     "report recorded --model wheel.yaml -o report.html",
+    "demo --seed 8",
 )
 
 
@@ -93,11 +95,25 @@ def environment(place: Path, wheels: Path, python: str, *, lowest: bool, tests: 
 
 
 def tried(python: Path) -> None:
-    """Run the bench in an environment."""
+    """Run the bench in an environment, and have the workbench there answer."""
+    program = python.parent / "gyrowheel"
     with tempfile.TemporaryDirectory(prefix="gyrowheel-wheels-") as folder:
         for words in _TRIED:
             print(f"$ gyrowheel {words}", flush=True)
-            run([python.parent / "gyrowheel", *words.split()], Path(folder))
+            run([program, *words.split()], Path(folder))
+        words = "workbench . --model wheel.yaml --port 0"
+        print(f"$ gyrowheel {words}", flush=True)
+        with subprocess.Popen(
+            [program, *words.split()], cwd=folder, stdout=subprocess.PIPE, text=True
+        ) as server:
+            try:
+                assert server.stdout is not None
+                page = next((line for line in server.stdout if line.startswith("page: ")), "")
+                for name in ("", "state", "found", "help"):
+                    with urllib.request.urlopen(page.removeprefix("page: ").strip() + name) as answer:
+                        print(f"{answer.url}: {answer.status}, {len(answer.read())} bytes", flush=True)
+            finally:
+                server.terminate()
 
 
 def main(words: Sequence[str] | None = None) -> int:

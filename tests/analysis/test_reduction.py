@@ -84,10 +84,11 @@ def test_few_samples_have_the_stated_noise(samples: Samples) -> None:
 def test_large_numbers_of_samples_find_the_same_commands(first: int, tmp_path: Path) -> None:
     """Numbers of 64 bits need not fit into a signed integer, and begin again at 0."""
     usual = record(tmp_path, "run", hidden_machine(3, {}), "check")
-    rows = {"measurement": usual.measurement.copy(), "command": usual.command.copy()}
-    rows["measurement"]["sequence"] += np.uint64(first)
-    rows["command"]["measurement_sequence"] += np.uint64(first)
-    found, expected = samples_of(replace(usual, **rows)).commanded, samples_of(usual).commanded
+    measurement, command = usual.measurement.copy(), usual.command.copy()
+    measurement["sequence"] += np.uint64(first)
+    command["measurement_sequence"] += np.uint64(first)
+    found = samples_of(replace(usual, measurement=measurement, command=command)).commanded
+    expected = samples_of(usual).commanded
     assert found is not None
     assert expected is not None
     assert np.array_equal(found.places, expected.places)
