@@ -90,7 +90,7 @@ def environment(place: Path, wheels: Path, python: str, *, lowest: bool, tests: 
             uv(*install, "--constraints", versions, *needed_to_test())
         uv(*install, "--no-deps", *sorted(wheels.glob("*.whl")))
     else:
-        uv(*install, *sorted(wheels.glob("*.whl")))
+        uv(*install, *sorted(wheels.glob("*.whl")), *(needed_to_test() if tests else ()))
     return own
 
 

@@ -84,7 +84,8 @@ def _warming(power: Array, steps: NDArray[np.int64], parameters: Array) -> Array
     rates = np.array(
         [[-inward / winding, inward / winding], [inward / magnets, -(inward + outward) / magnets]]
     )
-    values, modes = np.linalg.eig(rates)
+    # heat flows both ways between two bodies: the values are real, whatever type this version of NumPy gives them
+    values, modes = (found.real for found in np.linalg.eig(rates))
     drive = np.linalg.solve(modes, np.array([1.0 / winding, 0.0]))
     result = np.zeros((len(power) + 1, 2))
     for value, mode, gain in zip(values, modes.T, drive, strict=True):
