@@ -23,7 +23,8 @@ LOCKED = $(PIP) install --require-hashes --no-deps --requirement
 say = @printf '%s\n' '$(1)'
 # What begins each step that installs: two at a time would write into each other, and pip refuses to replace what it was
 # killed before it listed.
-alone = exec 9>>Makefile; flock -n 9 || \
+alone = [ -w Makefile ] || { echo 'this checkout belongs to another user: make one that you can write to' >&2; exit 1; }; \
+    exec 9>>Makefile; flock -n 9 || \
     { echo 'another make installs into .venv, or what is left of an interrupted one: wait for its end' >&2; exit 1; }; \
     for own in .venv/lib/python*/site-packages/gyrowheel*.dist-info; do [ -e "$$own/RECORD" ] || rm -rf "$$own"; done
 

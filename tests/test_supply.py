@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from email.message import Message
 from pathlib import Path
 from types import SimpleNamespace
@@ -50,9 +51,9 @@ def checkout(tmp_path: Path) -> Path:
     return own
 
 
-def _make(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def _make(checkout: Path, *arguments: str, before: Sequence[str] = ()) -> subprocess.CompletedProcess[str]:
     own = {key: text for key, text in os.environ.items() if key not in ("MAKEFLAGS", "MAKELEVEL")}
-    command = ["make", *arguments, f"PYTHON={sys.executable}"]
+    command = [*before, "make", *arguments, f"PYTHON={sys.executable}"]
     return subprocess.run(command, cwd=checkout, capture_output=True, text=True, env=own)
 
 
@@ -75,6 +76,19 @@ def test_a_second_make_does_not_install_at_the_same_time(checkout: Path) -> None
         found = _make(checkout)
     assert found.returncode == 2
     assert "another make installs into .venv" in found.stderr
+
+
+def test_a_checkout_that_the_user_cannot_write_to_is_named_before_anything_is_installed(
+    checkout: Path,
+) -> None:
+    (checkout / ".venv" / ".done" / "packages").unlink()
+    (checkout / "Makefile").chmod(0o444)
+    # root can write to everything while it has the capabilities for it
+    found = _make(
+        checkout, before=() if os.geteuid() else ("setpriv", "--bounding-set=-all", "--inh-caps=-all")
+    )
+    assert found.returncode == 2
+    assert "this checkout belongs to another user" in found.stderr
 
 
 @pytest.mark.slow
