@@ -181,6 +181,7 @@ def measure(progress: Callable[[float], None]) -> list[Report]:
                 Figure("answers", len(times), ""),
                 Figure("refused or failed", len(client.failed), "", bar=Bar("<=", 0)),
                 Figure("answer, median", 1e3 * median(times), "ms"),
+                Figure("answers later than a second", sum(took > 1.0 for took in times), ""),
                 Figure("answer, worst", 1e3 * worst[0], "ms", bar=Bar("<", 1000.0)),
                 Figure("memory after a quarter of the jobs", first, "GB"),
                 Figure("memory at the end", last, "GB"),

@@ -6,6 +6,7 @@ import math
 import os
 import re
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -472,3 +473,77 @@ def test_ctrl_c_twice_leaves_a_complete_recording(tmp_path: Path, watched: Watch
     assert rest.strip().endswith("interrupted")
     assert "Traceback" not in rest
     assert info(directory).integrity.missing == 0
+
+
+#: Moves the clock of the computer for one process and what it starts, by the nanoseconds in a file.
+_MOVED_CLOCK = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <time.h>
+#define GIGA 1000000000L
+static long offset(void) {
+    static volatile long *place;
+    if (!place) place = mmap(0, sizeof(long), PROT_READ, MAP_SHARED, open(getenv("MOVED_CLOCK"), O_RDONLY), 0);
+    return *place;
+}
+static struct timespec moved(const struct timespec *time, long by) {
+    long sum = time->tv_sec * GIGA + time->tv_nsec + by;
+    return (struct timespec){sum / GIGA, sum % GIGA};
+}
+int clock_gettime(clockid_t clock, struct timespec *time) {
+    static int (*usual)(clockid_t, struct timespec *);
+    if (!usual) usual = dlsym(RTLD_NEXT, "clock_gettime");
+    int failed = usual(clock, time);
+    if (!failed && clock == CLOCK_REALTIME) *time = moved(time, offset());
+    return failed;
+}
+int pthread_cond_clockwait(pthread_cond_t *own, pthread_mutex_t *lock, clockid_t clock, const struct timespec *end) {
+    static int (*usual)(pthread_cond_t *, pthread_mutex_t *, clockid_t, const struct timespec *);
+    if (!usual) usual = dlsym(RTLD_NEXT, "pthread_cond_clockwait");
+    struct timespec true_end = clock == CLOCK_REALTIME ? moved(end, -offset()) : *end;
+    return usual(own, lock, clock, &true_end);
+}
+int pthread_cond_timedwait(pthread_cond_t *own, pthread_mutex_t *lock, const struct timespec *end) {
+    static int (*usual)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
+    if (!usual) usual = dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
+    /* since the start of the computer, if it is less than thirty years */
+    struct timespec true_end = end->tv_sec > GIGA ? moved(end, -offset()) : *end;
+    return usual(own, lock, &true_end);
+}
+"""
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("realtime", [False, True])
+@pytest.mark.parametrize("seconds", [-3600, 3600])
+def test_a_clock_that_is_set_during_a_plan_loses_no_sample(
+    realtime: bool, seconds: int, tmp_path: Path, watched: Watched, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "clock.c").write_text(_MOVED_CLOCK)
+    library, offset, recording = (tmp_path / name for name in ("clock.so", "offset", "recording"))
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, tmp_path / "clock.c"], check=True)
+    offset.write_bytes(bytes(8))
+    monkeypatch.setenv("LD_PRELOAD", str(library))
+    monkeypatch.setenv("MOVED_CLOCK", str(offset))
+
+    def set_clock(progress: Progress) -> None:
+        if progress.elapsed > 1.0:
+            with offset.open("r+b") as file:  # which is mapped: it must not be cut off
+                file.write(struct.pack("<q", seconds * 10**9))
+
+    with Graph(
+        BRIEF.replace("hold_s: 1.0", "hold_s: 6.0"),
+        record=recording,
+        realtime=realtime,
+        parameters=PATIENT if realtime else {},
+        domain_id=next_domain(),
+    ) as graph:
+        watched.note(set(graph.pids.values()))
+        graph.run(progress=set_clock)
+    messages = [own["message"] for own in diagnoses(recording, "plant")]
+    assert any(f"is {seconds}.00 s from the stamps" in text for text in messages) == realtime
+    assert info(recording).integrity.complete

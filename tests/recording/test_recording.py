@@ -240,8 +240,9 @@ def test_values_that_are_not_finite_are_counted_and_kept(tmp_path):
         [wire.MEASUREMENT.pack(3 * PERIOD_NS, 3, *[9.0] * 11)],
         [wire.MEASUREMENT.pack(7 * PERIOD_NS, 2, *[0.0] * 11)],
         [wire.MEASUREMENT.pack(PERIOD_NS + 1, 9, *[0.0] * 11)],
+        [wire.MEASUREMENT.pack((5 + k) * PERIOD_NS, (65535 + k) % 65536, *[0.0] * 11) for k in range(2)],
     ],
-    ids=["same sample, other readings", "sequence goes back", "stamp goes back"],
+    ids=["same sample, other readings", "sequence goes back", "stamp goes back", "a counter of 16 bits"],
 )
 def test_two_runs_in_one_recording_are_refused(tmp_path, others):
     path = record(tmp_path / "bag", measurements(5) + others)
