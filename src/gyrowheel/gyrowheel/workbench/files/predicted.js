@@ -98,7 +98,7 @@ export function showPredicted(again = false) {
       const last = row === holds.actuators.length - 1;
       const figure = P.figure({
         height: last ? 150 : 120, sizing_mode: "stretch_both", tools: "tap,pan,wheel_zoom,reset", toolbar_location: null, x_range: ranges[column],
-        title: column ? "" : `${actuator.title}: ${UNITS[quantity][0]}`,
+        title: column ? "" : `${actuator.title}, ${UNITS[quantity][0].split(", ").at(-1)}`, // the quantity is that of the button
       });
       if (last) figure.below[0].axis_label = title;
       figure.below[0].ticker.desired_num_ticks = figure.left[0].ticker.desired_num_ticks = 3;
