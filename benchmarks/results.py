@@ -150,7 +150,7 @@ def shown(report: Report) -> Iterator[RenderableType]:
     """Yield the printed form of a report."""
     yield heading(report.title)
     beside = any(f.peer is not None for f in report.figures)
-    table = figures_table("", "", *(("beside", "", "ratio") if beside else ()), "bar", "holds")
+    table = figures_table("", "", *(("peer", "", "ratio") if beside else ()), "bar", "holds")
     for column in (0, 2) if beside else (0,):
         table.columns[column].justify = "left"
     before = None

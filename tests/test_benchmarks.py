@@ -87,7 +87,7 @@ def test_table_says_each_figure_once_and_each_verdict():
     assert "3.00e-06 rad" in text
     assert "One core." in text
     assert all(len(line) <= 80 for line in text.splitlines())
-    assert "beside" not in printed(Report("T", REPORT.figures[:1]))
+    assert "peer" not in printed(Report("T", REPORT.figures[:1]))
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 #: The conditions of the paper's Figs 10 to 12: tilt [rad] and spin rate [rad/s].
 CONDITIONS = ((0.0, 3500.0 * RPM), (5.0 * DEG, 3500.0 * RPM), (5.0 * DEG, 2000.0 * RPM))
 _PLACES = "section", "top", "surface"  # rounded to 0.1 micrometre
-_FLAT = 1e-7  # m: how far a face of the section may lie beside its plane
+_FLAT = 1e-7  # m: how far a face of the section may lie off its plane
 
 
 @dataclass(frozen=True)

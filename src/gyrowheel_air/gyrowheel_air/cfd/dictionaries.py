@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-#: Turbulence models by the name that users give: OpenFOAM's name, and the field beside k (none: no turbulence).
+#: Turbulence models by the name that users give: OpenFOAM's name, and the field with k (none: no turbulence).
 MODELS: Final[dict[str, tuple[str, str | None]]] = {
     "sst": ("kOmegaSST", "omega"),
     "paper": ("kEpsilon", "epsilon"),
@@ -147,7 +147,7 @@ def turbulence(model: str) -> str:
 
 
 def wall_conditions(model: str, *, wall_functions: bool) -> dict[str, str]:
-    """Return the conditions of k, of the field beside it, and of nut at a wall; none without turbulence."""
+    """Return the conditions of k, of the field with it, and of nut at a wall; none without turbulence."""
     second = MODELS[model][1]
     if second is None:
         return {}

@@ -101,7 +101,7 @@ function take(pane) {
   layouts[step] = columns().filter((column) => column.stacks.length);
 }
 
-// Moves a pane beside a stack, above or below it, or among its tabs.
+// Moves a pane next to a stack, above or below it, or among its tabs.
 function move(pane, stack, side) {
   const whole = stackOf(pane);
   const column = columns().find((own) => own.stacks.includes(stack));
