@@ -113,12 +113,12 @@ def _report(real: Sequence[_Span], steps: Sequence[_Span]) -> Report:
 
 def _run(spans: Sequence[_Span], progress: Callable[[float], None], *, realtime: bool) -> None:
     """Run a graph, and a page next to it in turn."""
-    now, over, failed = [spans[0]], threading.Event(), []
+    now, over, ended, failed = [spans[0]], threading.Event(), threading.Event(), []
     whole = sum(own.seconds for own in spans)
 
     def look() -> None:
         try:
-            _look(spans, now)
+            _look(spans, now, ended)
         except Exception as error:  # shown by the thread that measures
             failed.append(error)
         over.set()
@@ -138,15 +138,20 @@ def _run(spans: Sequence[_Span], progress: Callable[[float], None], *, realtime:
             parameters={"plant": {"watchdog": WATCHDOG_S}},
             domain_id=_DOMAIN,
         ) as graph:
-            threading.Thread(target=look, daemon=True).start()
-            graph.run(progress=note)
+            looks = threading.Thread(target=look)
+            looks.start()
+            try:
+                graph.run(progress=note)
+            finally:  # server and browser end with the graph
+                ended.set()
+                looks.join()
     except _Over:
         pass
     if failed:
         raise MeasurementError(f"page: {failed[0]}")
 
 
-def _look(spans: Sequence[_Span], now: list[_Span]) -> None:
+def _look(spans: Sequence[_Span], now: list[_Span], ended: threading.Event) -> None:
     environment = {"ROS_DOMAIN_ID": str(_DOMAIN)}
     with tempfile.TemporaryDirectory(prefix="gyrowheel-bench-", ignore_cleanup_errors=True) as folder:
         command = [
@@ -163,12 +168,12 @@ def _look(spans: Sequence[_Span], now: list[_Span]) -> None:
             for own in spans:
                 now[0] = own
                 if own.watched:
-                    _watch(browser, url, own)
-                else:
-                    time.sleep(own.seconds)
+                    _watch(browser, url, own, ended)
+                elif ended.wait(own.seconds):
+                    return
 
 
-def _watch(browser: _Browser, url: str, own: _Span) -> None:
+def _watch(browser: _Browser, url: str, own: _Span, ended: threading.Event) -> None:
     page = browser.open(url)
     page.await_true("document.querySelector('#part-live [data-watch]')")
     page.value("document.querySelector('#part-live [data-watch]').click()")
@@ -179,7 +184,8 @@ def _watch(browser: _Browser, url: str, own: _Span) -> None:
         if since >= _SETTLED_S and not own.kept:
             own.kept.append((page.heap(), *browser.memory()))
         own.most = max(own.most, browser.memory()[0])
-        time.sleep(_PACE_S)
+        if ended.wait(_PACE_S):
+            return
     now = page.value(_SEEN)
     own.frames = (now[0] - frames) / (time.monotonic() - began)
     own.received = 0.01 * (now[1] - bins) / (own.marks[-1][1] - simulated)

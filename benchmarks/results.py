@@ -149,16 +149,16 @@ def to_json(reports: Sequence[Report]) -> str:
 def shown(report: Report) -> Iterator[RenderableType]:
     """Yield the printed form of a report."""
     yield heading(report.title)
-    beside = any(f.peer is not None for f in report.figures)
-    table = figures_table("", "", *(("peer", "", "ratio") if beside else ()), "bar", "holds")
-    for column in (0, 2) if beside else (0,):
+    peers = any(f.peer is not None for f in report.figures)
+    table = figures_table("", "", *(("peer", "", "ratio") if peers else ()), "bar", "holds")
+    for column in (0, 2) if peers else (0,):
         table.columns[column].justify = "left"
     before = None
     for f in report.figures:
         # one figure with several peers is written once
         same, before = before == (f.name, f.value), (f.name, f.value)
         cells: list[str | Text] = ["" if same else f.name, "" if same else f"{number(f.value)} {f.unit}"]
-        if beside:
+        if peers:
             cells += [f.peer or "", *("" if x is None else number(x) for x in (f.peer_value, f.ratio))]
         table.add_row(*cells, "" if f.bar is None else str(f.bar), _verdict(f.holds))
     yield Padding(table, _INDENT)

@@ -81,6 +81,18 @@ def test_the_motor_temperature_after_a_pause_equals_that_of_single_steps() -> No
             assert own == pytest.approx(wanted, rel=within, abs=1e-12)
 
 
+def test_the_motor_temperature_is_real_where_eigenvalues_have_a_complex_type(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As NumPy 2.5 gives them, whatever their values."""
+    samples, eig = _heated(np.arange(0.0, 20.0, 0.01)), np.linalg.eig
+    usual = motor_temperatures(samples, BENCH)[1]
+    monkeypatch.setattr(np.linalg, "eig", lambda rates: tuple(own.astype(complex) for own in eig(rates)))
+    warm = motor_temperatures(samples, BENCH)[1]
+    assert warm.dtype == np.float64
+    assert np.array_equal(warm, usual)
+
+
 def test_the_motor_temperature_is_steady_after_decades() -> None:
     time = np.arange(0.0, 20.0, 0.01)
     time, warm, _ = motor_temperatures(_heated(np.concatenate([time, DECADES + time])), BENCH)

@@ -5,6 +5,7 @@ They share nothing with the search for an unknown effect: neither its free forms
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any, Literal
 
@@ -42,7 +43,7 @@ def _effect(
     kind: Strange,
     law: sp.Expr,
     amplitudes: tuple[str, ...],
-    shapes: dict[str, float],
+    shapes: tuple[Coefficient, ...] = (),
     states: tuple[LawState, ...] = (),
 ) -> Effect:
     rotor = kind.startswith("rotor")
@@ -55,13 +56,7 @@ def _effect(
         laws=(Law("rotor_torque" if rotor else "shaft_torque", law),),
         coefficients=(
             *(Coefficient(name, "N*m", "size", usual, (-1.0, 1.0), "drawn", signed=True) for name in amplitudes),
-            *(
-                Coefficient(
-                    name, "s" if name == "T" else "1", "shape", (value - 1.0, value + 1.0), (-100.0, 100.0), "drawn",
-                    signed=True, shape=value, shape_uncertainty=1.0,
-                )
-                for name, value in shapes.items()
-            ),
+            *shapes,
         ),
         validity="blind tests",
         source="drawn at random",
@@ -69,11 +64,18 @@ def _effect(
     )  # fmt: skip
 
 
+def _shape(name: str, value: float, unit: str = "1") -> Coefficient:
+    return Coefficient(
+        name, unit, "shape", (value - 1.0, value + 1.0), (-100.0, 100.0), "drawn",
+        signed=True, shape=value, shape_uncertainty=1.0,
+    )  # fmt: skip
+
+
 def _field(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
     """Draw a smooth field: waves over tilt and speed; all fields of a kind are one law with other coefficients."""
     law = sp.S.Zero
     amplitudes: list[str] = []
-    shapes: dict[str, float] = {}
+    shapes: list[Coefficient] = []
     tilt, speed = (math.exp(rng.uniform(math.log(a), math.log(b))) for a, b in (_LENGTH_TILT, _LENGTH_SPEED))
     values: dict[str, float] = {}
     for k in range(_WAVES):
@@ -83,7 +85,7 @@ def _field(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, f
             rng.standard_normal() / speed,
             rng.uniform(0.0, 2.0 * math.pi),
         ]
-        shapes |= dict.fromkeys(names, 0.0)
+        shapes += map(_shape, names, itertools.repeat(0.0))
         values |= dict(zip(names, map(float, drawn), strict=True))
         kx, ky, kr, p = (sp.Symbol(name, real=True) for name in names)
         wave = sp.cos(kx * _x + ky * _y + kr * _r + p)
@@ -92,7 +94,7 @@ def _field(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, f
         law += (size + sp.I * sp.Symbol(parts[1], real=True) if len(parts) == 2 else size) * wave
         amplitudes += parts
         values |= {name: 1e-3 * float(rng.standard_normal()) for name in parts}
-    return _effect(kind, law, tuple(amplitudes), shapes), values
+    return _effect(kind, law, tuple(amplitudes), tuple(shapes)), values
 
 
 #: Factors of a formula by |tilt| and by speed, as functions of two numbers between 0 and 1.
@@ -137,18 +139,17 @@ def _sized(
     kind: Strange,
     law: sp.Expr,
     rng: np.random.Generator,
-    shapes: dict[str, float] | None = None,
+    shapes: tuple[Coefficient, ...] = (),
     states: tuple[LawState, ...] = (),
 ) -> tuple[Effect, dict[str, float]]:
     """Return a law with an amplitude of random sign, on the rotor of random direction."""
     a, b = sp.symbols("a b", real=True)
-    shapes = shapes or {}
     if kind.startswith("rotor"):
         turned = rng.uniform(0.0, 2.0 * math.pi)
-        values = {"a": 1e-3 * math.cos(turned), "b": 1e-3 * math.sin(turned)}
-        return _effect(kind, (a + sp.I * b) * law, ("a", "b"), shapes, states), values | shapes
-    values = {"a": 1e-3 * float(rng.choice((-1.0, 1.0)))}
-    return _effect(kind, a * law, ("a",), shapes, states), values | shapes
+        law, values = (a + sp.I * b) * law, {"a": 1e-3 * math.cos(turned), "b": 1e-3 * math.sin(turned)}
+    else:
+        law, values = a * law, {"a": 1e-3 * float(rng.choice((-1.0, 1.0)))}
+    return _effect(kind, law, tuple(values), shapes, states), values | {c.name: c.default for c in shapes}
 
 
 def _formula(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, float]]:
@@ -159,8 +160,8 @@ def _state(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, f
     """Draw a law with a state, which lags behind a formula, or is driven by motion and recovers."""
     rotor = kind.startswith("rotor")
     m = sp.Symbol("m", complex=True) if rotor else sp.Symbol("m", real=True)
-    lag = sp.Symbol("T", real=True)
-    shapes = {"T": round(_LAG[0] * (_LAG[1] / _LAG[0]) ** rng.uniform(), 2)}
+    time = _shape("T", round(_LAG[0] * (_LAG[1] / _LAG[0]) ** rng.uniform(), 2), "s")
+    lag = time.symbol
     if rng.uniform() < 0.5:
         behind = _product(kind, rng)
         start = behind if rng.uniform() < 0.5 else sp.S.Zero
@@ -172,4 +173,4 @@ def _state(kind: Strange, rng: np.random.Generator) -> tuple[Effect, dict[str, f
         drive, loss = (z_rate / z_ref / way, sp.Abs(z_rate) / z_ref / way) if rotor else (_r / lag, _r / lag)
         state = LawState("m", "1", drive - m * (loss + 1 / (_RECOVERS * lag)), complex=rotor)
         law = m * _r ** _rounded(rng.uniform(-1.0, 2.0))
-    return _sized(kind, law, rng, shapes, (state,))
+    return _sized(kind, law, rng, (time,), (state,))

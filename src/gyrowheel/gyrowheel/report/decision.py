@@ -18,7 +18,6 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 if TYPE_CHECKING:
     from gyrowheel.models.api import Model
     from gyrowheel.report.content import ReportContent
-    from gyrowheel_analysis.diagnosis.proof_result import Proof
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.residuals.error_table import ErrorTable
 
@@ -64,7 +63,7 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
 def _sure(report: ReportContent) -> list[str]:
     """Return what else could explain the recordings, and what they could not show; the page has the proof before it."""
     found = report.diagnosis
-    lines = _plainly(found.proof)
+    lines = _plainly(found)
     tied = {name: [tie.name for tie in ties] for name, ties in found.ties.items() if ties}
     lines += [
         f"These recordings cannot tell {name} from {listed(ties, 'or')}." for name, ties in tied.items()
@@ -86,16 +85,19 @@ def _sure(report: ReportContent) -> list[str]:
     return lines
 
 
-def _plainly(proof: Proof | None) -> list[str]:
+def _plainly(found: Diagnosis) -> list[str]:
     """Return what the proof means, for a reader who meets its words for the first time."""
+    proof = found.proof
     if proof is None or proof.proven is None:
         return []
     unused = f"the data that were not used to fit ({proof.recording})"
     if proof.left_out:
         unused = "each part that is left out of the fit"
+    something = found.effects or found.instruments or found.free_form or found.map or found.events
+    model = "the model with the findings" if something else "the model as it is"
     if proof.proven:
-        return [f"That is: with the findings, the model predicts {unused} to within the noise (χ²/N near 1)."]
-    return [f"That is: even with the findings, the model does not predict {unused} to within the noise."]
+        return [f"That is: {model} predicts {unused} to within the noise (χ²/N near 1)."]
+    return [f"That is: {model} does not predict {unused} to within the noise."]
 
 
 def _meaning(report: ReportContent) -> list[str]:

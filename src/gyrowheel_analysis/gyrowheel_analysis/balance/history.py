@@ -148,9 +148,8 @@ class History:
     def _along(self, effect: Effect, values: Mapping[str, float]) -> Array:
         """Return the states (points, numbers) of an effect along the course."""
         course = self.course
-        values, effect = dict(values), replace(effect, name="remembering")
         code = _compiled(effect)
-        coefficients, active = coefficient_arrays([effect], {effect.name: values}, self._bench)
+        coefficients, active = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
         size = memory_size([effect])
         out = np.empty((len(course.points), size // 3))
         parts = max(math.ceil(course.step / self._bench.sample_period - 1e-6), 1)
@@ -166,14 +165,14 @@ _codes: dict[Any, Any] = {}
 
 
 def _compiled(effect: Effect) -> Any:
-    """Return the compiled code of the states of an effect; effects that differ in values alone share it."""
+    """Return the compiled code of the states of an effect; effects that differ in names and values alone share it."""
     key = effect.states, effect.each_flexure, tuple(c.name for c in effect.coefficients)
     if key not in _codes:
         text = "\n\n".join(
             [
                 kernel_text("gyrowheel_sim", "mechanics/dynamics.py"),
                 kernel_text("gyrowheel_sim", "effects/law_code.py"),
-                memory_source([effect]),
+                memory_source([replace(effect, name="law")]),  # the name is in the source
                 kernel_text("gyrowheel_analysis", "balance/history_kernel.py"),
             ]
         )

@@ -163,8 +163,8 @@ def _judged(
     far = beyond(problem, best, [t for t in best.terms if proposal is None or t != proposal.term])
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
-    left = verdict in ("nothing_missing", "insufficient_data") or _failed(proof)
-    if (explanation.rejected or explanation.laws) and left:
+    unexplained = verdict in ("nothing_missing", "insufficient_data") or _failed(proof)
+    if (explanation.rejected or explanation.laws) and unexplained:
         verdict = "unknown"
     events, turned = by_attitude(events, [*recordings, *validate])
     if turned and verdict in ("nothing_missing", "insufficient_data"):

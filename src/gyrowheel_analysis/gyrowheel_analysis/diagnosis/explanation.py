@@ -145,7 +145,7 @@ def _remembers(problem: Problem, fit: Fit, inflation: float = 0.0) -> bool:
     If nothing need be left, `inflation` is that of the gain that a term must bring.
     """
     share = MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem))
-    laws = problem.memory_terms
+    laws = problem.memory_terms  # none after a long pause: no form with a state either
     ranked = rank(problem.roughly(), fit, [*laws, *family(problem, memory_forms())] if laws else [])
     return any(
         gain > max(threshold(term, inflation) if inflation else ACCEPTED_GAIN_FURTHER, share)

@@ -268,9 +268,9 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     if len(chosen) > 1:
         starts += [problem.fit(tuple(t for t in chosen if t != own), selection.best) for own in chosen]
     cancels = cancelling(problem, selection.best)
-    beside = rank(problem, selection.best, pool)
+    added = rank(problem, selection.best, pool)
     # a form that replaces an effect cannot explain more than one that is added to it
-    able = [term for gain, term in beside if _worth(problem, gain)]
+    able = [term for gain, term in added if _worth(problem, gain)]
     best: Proposal | None = None
     for start in starts:
         needed = FORM_GAIN
@@ -279,7 +279,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
         if cancels and start is not selection.best:
             needed = -FORM_LOSS
         tried = able if needed == FORM_GAIN else pool
-        ranked = beside if start is selection.best else rank(problem, start, tried)
+        ranked = added if start is selection.best else rank(problem, start, tried)
         for gain, term in _foremost(ranked):
             if _hopeless(problem, selection.best, start, gain):
                 continue
