@@ -94,7 +94,7 @@ def _plainly(found: Diagnosis) -> list[str]:
     if proof.left_out:
         unused = "each part that is left out of the fit"
     something = found.effects or found.instruments or found.free_form or found.map or found.events
-    model = "the model with the findings" if something else "the model as it is"
+    model = "with the findings, the model" if something else "the model"
     if proof.proven:
         return [f"That is: {model} predicts {unused} to within the noise (χ²/N near 1)."]
     return [f"That is: {model} does not predict {unused} to within the noise."]
