@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 
@@ -26,6 +27,11 @@ settings.register_profile(
 settings.load_profile("same")
 
 
+# What the modules of the tests make stays to the end: it is not searched for garbage again and again.
+gc.disable()
+gc.set_threshold(20_000)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option of ``make studies``, which runs further cases of what the tests show."""
     parser.addoption("--studies", action="store_true", help="run the studies, and nothing else")
@@ -40,3 +46,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         (kept if is_study == asked else left_out).append(item)
     config.hook.pytest_deselected(items=left_out)
     items[:] = kept
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
