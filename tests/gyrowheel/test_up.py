@@ -16,7 +16,7 @@ from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
 from gyrowheel_recording.bags import Recording
 
 from ..domains import next_domain
-from .helpers import DRAG_PLAN, SHORT_PLAN, Shell, write
+from .helpers import SHORT_PLAN, Shell, write
 from .test_drag import assert_same, recorded
 
 #: A machine with a learned parameter.
@@ -31,6 +31,15 @@ OWN = f"""\
   pull:
     declaration: {{torque: -k*r*z, coefficients: {{k: {{unit: N*m/rad}}}}}}
     k: {{value: 0.03, standard_error: 0.001}}
+"""
+#: As many holds as a diagnosis needs, at speeds that are soon reached.
+STEADY_PLAN = """\
+schema: 1
+name: drag
+hold_s: 1.3
+segments:
+  - {spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1]]}
+  - {spin_rpm: 3200, tilt_deg: [[0, 1], [1, 0], [0, 0]]}
 """
 COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
@@ -132,7 +141,7 @@ def test_a_failed_node_is_exit_3_with_its_last_output(gyrowheel: Shell, monkeypa
 
 @pytest.mark.slow
 def test_a_bench_that_runs_is_diagnosed_and_the_plan_may_end_early(gyrowheel: Shell, tmp_path: Path):
-    plan = write(tmp_path / "plan.yaml", DRAG_PLAN)
+    plan = write(tmp_path / "plan.yaml", STEADY_PLAN)
     gw.Model("gyrowheel").save(tmp_path / "model.yaml")
     options = (
         f"--plan {plan} --effect windage --record run --diagnose --model model.yaml --until settled".split()
