@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import gyrowheel as gw
 from gyrowheel.show.contract import comparison_json, diagnosis_json
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel.show.sentences.residuals import region_name
@@ -240,6 +241,58 @@ def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectVa
     assert found.free_form[0].formula
     assert found.error is not None
     assert found.error.after.chi2_per_n < 0.5 * found.error.before.chi2_per_n
+
+
+def hidden_law(formula: str, plan: str, folder: Path) -> tuple[Path, Path]:
+    """Return two recordings of a machine with a user-defined law, by a plan and by plan check."""
+    law = gw.own_effect(formula, name="hidden")
+    for name, seed in ((plan, 31), ("check", 32)):
+        gw.simulate(name, effects=[law], machine=31, seed=seed, folder=folder / name)
+    return folder / plan, folder / "check"
+
+
+@pytest.mark.slow
+def test_a_torque_that_falls_with_the_speed_has_a_negative_exponent(tmp_path: Path) -> None:
+    fit, check = hidden_law("torque = a*conj(z/z_ref)^2*exp(-r); a = 0.0015 [N*m]", "quick", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    (form,) = found.free_form
+    # the slope of exp(-r) in logarithms is -r
+    assert -1.2 < form.coefficients["q"].value < -0.3
+    assert found.error is not None
+    assert found.error.validation_after is not None
+    assert found.error.validation_after.chi2_per_n < 1.2
+
+
+@pytest.mark.study
+def test_a_law_that_acts_in_a_cone_is_no_event(tmp_path: Path) -> None:
+    """The coils are loaded most while the tilt goes round: once, and for some seconds."""
+    fit, check = hidden_law("motor_gain = -g*abs(V_coil)^2; g = 0.001 [1/V^2]", "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert found.verdict == "unknown"
+    assert not found.events
+    assert "rate" in {law.depends_on for law in found.laws}
+
+
+@pytest.mark.study
+def test_a_torque_that_follows_a_lagging_temperature_is_a_formula(tmp_path: Path) -> None:
+    law = "torque = k*s*z; d(s)/dt = (T_coil - T_air - s)/tau; k = 0.002 [N*m/K/rad]; tau = 40 +- 0.1 [s]"
+    fit, check = hidden_law(law, "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert not found.events
+    (form,) = found.free_form
+    time = form.coefficients["s"]
+    assert abs(time.value - 40.0) < 3.0 * time.standard_error
+    assert found.proof is not None
+    assert found.proof.proven
+
+
+@pytest.mark.study
+def test_a_torque_that_swings_is_no_map(tmp_path: Path) -> None:
+    law = "torque = a*(sin(t/b) + i*cos(0.86*t/b)); a = 0.0003 [N*m]; b = 7 +- 0.1 [s]"
+    fit, check = hidden_law(law, "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert found.map is None
+    assert {shape.kind for shape in found.drift_shapes} == {"swing"}
 
 
 @pytest.mark.study

@@ -27,6 +27,8 @@ def plan_of_windows() -> Any:
         middle=start + 1.0,
         mean_spin=np.repeat([3000.0, 1500.0, 4000.0], 4) * RPM,
         mean_tilt=np.tile([0.0, 3.0, -3.0, 2.0j], 3) * DEG,
+        # a cone in the last but one window; held tilts have noise alone
+        mean_tilt_rate=np.r_[np.full(10, 0.1), 40.0j, 0.1] * DEG,
     )
 
 
@@ -38,12 +40,15 @@ class WindowsOfPlan(SimpleNamespace):
 def test_courses_follow_the_motion_and_are_at_most_one() -> None:
     found = list(courses(plan_of_windows()))
     assert {variable for variable, _ in found} == {
-        "offset", "speed", "tilt", "direction", "time", "history"
+        "offset", "speed", "tilt", "direction", "rate", "time", "history"
     }  # fmt: skip
     assert all(np.abs(course).max() == pytest.approx(1.0) for _, course in found)
     # a narrow resonance at the second speed is there, whatever its width
     there = np.repeat([0.0, 1.0, 0.0], 4)
     assert any(variable == "speed" and np.allclose(course, there, atol=1e-3) for variable, course in found)
+    # what acts in a cone alone is no burst
+    cone = np.r_[np.zeros(10), 1.0, 0.0]
+    assert any(variable == "rate" and np.allclose(course, cone) for variable, course in found)
     # and the direction of the last change of the speed
     past = np.repeat([0.0, -1.0, 1.0], 4)
     assert any(variable == "history" and np.allclose(course, past) for variable, course in found)

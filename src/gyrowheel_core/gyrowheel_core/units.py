@@ -32,6 +32,7 @@ _SHOWN: Final[dict[str, tuple[tuple[Unit, float], ...]]] = {
     "V": ((Unit("V", 1.0), 0.5), (Unit("mV", 1e-3), 5e-5), (Unit("µV", 1e-6), 0.0)),
     "N*m/rad": ((Unit("mN·m/rad", 1e-3), 0.0),),
     "N*m*s/rad": ((Unit("µN·m·s/rad", 1e-6), 0.0),),
+    "N*m/K": ((Unit("µN·m/K", 1e-6), 0.0),),
     "N*m/V": ((Unit("mN·m/V", 1e-3), 0.0),),
     "N*m/A": ((Unit("mN·m/A", 1e-3), 0.0),),
     "kg*m^2": ((Unit("mg·m²", 1e-6), 0.0),),

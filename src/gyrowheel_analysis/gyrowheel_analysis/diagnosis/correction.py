@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_analysis.criteria import FORM_GAIN
+from gyrowheel_analysis.criteria import FORM_GAIN, MARGIN, NOISE_ERROR
 from gyrowheel_analysis.diagnosis.correction_map import (
     NAME,
     CorrectionMap,
@@ -67,14 +67,14 @@ def correct(explanation: Explanation, recordings: tuple[str, ...]) -> Corrected 
         return None
     if (result := _gaining(explanation, found, recordings)) is None:
         return None
-    if not (worse := _worse(result.map.error, result.map.targets)):
+    if not (unsupported := _unsupported(result.map.error, result.map.targets)):
         return result
-    left = tuple(target for target in result.map.targets if target not in worse)
+    left = tuple(target for target in result.map.targets if target not in unsupported)
     if not left:
         return None
     found = fit_map(found.problem, found.base, found.effect.name, left)
     result = _gaining(explanation, found, recordings)
-    return None if result is None or _worse(result.map.error, left) else result
+    return None if result is None or _unsupported(result.map.error, left) else result
 
 
 def _gaining(explanation: Explanation, found: MapFit, recordings: tuple[str, ...]) -> Corrected | None:
@@ -152,21 +152,19 @@ def _free_name(taken: Container[str]) -> str:
     return next(name for name in names if name not in taken and name not in registry())
 
 
-def _worse(table: ErrorTable, targets: tuple[Target, ...]) -> tuple[Target, ...]:
-    """Return the targets in a channel of which the map makes the error of unused recordings larger, beyond noise."""
+def _unsupported(table: ErrorTable, targets: tuple[Target, ...]) -> tuple[Target, ...]:
+    """Return the targets by which the map makes the error of unused recordings larger, or not smaller, beyond noise."""
     before, after = table.validation_before, table.validation_after
     if before is None or after is None:
         return ()
-    return tuple(
-        target
-        for target in targets
-        if any(
-            not after.is_noise(name, after)
-            and after.channels[name].chi2_per_n > before.channels[name].chi2_per_n
-            for name in CHANNELS[target]
-            if name in after.channels
-        )
-    )
+    result = []
+    for target in targets:
+        there = [name for name in CHANNELS[target] if name in after.channels]
+        falls = {name: after.channels[name].chi2_per_n / before.channels[name].chi2_per_n for name in there}
+        worse = any(falls[name] > 1.0 and not after.is_noise(name, after) for name in there)
+        if worse or not any(fall < 1.0 - MARGIN * NOISE_ERROR for fall in falls.values()):
+            result.append(target)
+    return tuple(result)
 
 
 def _facts(found: MapFit, recordings: tuple[str, ...], gain: float) -> CorrectionMap:

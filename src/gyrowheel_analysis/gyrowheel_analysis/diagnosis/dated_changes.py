@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.fitting.events import Kind
 
 #: On what a quantity depends; `history` is that of speed and tilt, `offset` nothing: it is constant.
-Variable = Literal["offset", "speed", "tilt", "direction", "time", "history"]
+Variable = Literal["offset", "speed", "tilt", "direction", "rate", "time", "history"]
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ class MissingLaw:
     recording : str
         The recording.
     depends_on : str
-        ``speed``, ``tilt``, ``direction``, ``time`` (since the start), ``history`` (of speed and tilt), or ``offset``
-        (constant).
+        ``speed``, ``tilt``, ``direction``, ``rate`` (of the tilt), ``time`` (since the start), ``history`` (of speed
+        and tilt), or ``offset`` (constant).
     channels : tuple of str
         The quantities that follow it, of `fitting.events.QUANTITIES`.
     gain : float

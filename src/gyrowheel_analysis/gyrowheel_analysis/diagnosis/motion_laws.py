@@ -19,11 +19,13 @@ from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import QUANTITIES, TOGETHER, Event, lead, unit_rows
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import SAME_SPEED, UPRIGHT, Windows, speed_groups
+from gyrowheel_core.units import DEG
 
 _SMALLEST = 0.02  # range of a course, over its largest value, below which it is a constant
 _WIDTHS = (0.03, 0.1, 0.3)  # of a bump or a resonance, over the range of the speeds
 _FADING = (0.05, 0.15, 0.4)  # times, over the length of the recording
 _LAGS = (3.0, 10.0, 30.0, 100.0)  # s in which the past is forgotten
+_HELD = 0.5 * DEG  # rad/s, of a tilt up to which it is held: the rest is noise
 _LOBES = (1, 2, 3, 4)
 _PHASES = 4
 
@@ -134,6 +136,12 @@ def _values(windows: Windows) -> Iterator[tuple[Variable, NDArray[np.float64]]]:
             yield "direction", wave
             if len(groups) > 1:
                 yield "direction", wave * spin**2
+    rate = np.abs(w.mean_tilt_rate)
+    rate = np.where(rate > _HELD, rate, 0.0)
+    yield "rate", np.sign(rate)
+    # a rotor that is moved needs a torque in proportion to rate and speed
+    for size in (rate, rate * spin) if len(groups) > 1 else (rate,):
+        yield from (("rate", size**power) for power in (1, 2, 3))
     since = w.middle - float(w.start.min(initial=0.0))
     yield "time", since
     yield from (("time", np.exp(-since / (part * float(since.max(initial=1.0))))) for part in _FADING)

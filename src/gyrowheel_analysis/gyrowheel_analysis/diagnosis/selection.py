@@ -292,7 +292,8 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
         if implausible(problem, trial, ERROR_TIE_LIMIT) is None:
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
-    ties = tuple(tie for tie in tried if tie.delta_chi2 < TIE_LOSS)
+    # one that is far likelier was dropped, as it predicts unused data worse
+    ties = tuple(tie for tie in tried if -TIE_LOSS < tie.delta_chi2 < TIE_LOSS)
     rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE_LOSS)[:2]
     return Finding(term, without.chi2 - fit.chi2, ties, rivals, without)
 

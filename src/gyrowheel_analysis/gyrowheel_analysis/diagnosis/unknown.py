@@ -2,8 +2,9 @@
 
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps at one
 speed, dead zones in the tilt, and torques that decay with time; where laws with a memory are candidates also torques
-that lag behind the tilt or the speed, or that the motion of the tilt pulls along. It answers two questions: whether
-there is an effect that the registered ones do not describe, and which formula describes it.
+that lag behind the tilt, the speed or the temperature of the coils, or that the motion of the tilt pulls along. It
+answers two questions: whether there is an effect that the registered ones do not describe, and which formula describes
+it.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ _IS_EXPONENT = "exponent of the "
 _TINY = sp.Float(1e-9)  # keeps powers of a vanishing tilt finite
 
 _a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
-_t = QUANTITIES["t"].symbol
+_t, _T_coil, _T_air = (QUANTITIES[name].symbol for name in ("t", "T_coil", "T_air"))
 _r = Omega / Omega_ref
 _u = z / z_ref
 _square = z * sp.conjugate(z) / z_ref**2
@@ -81,16 +82,16 @@ class Proposal:
         return tuple(t for t in self.fit.terms if t != self.term)
 
 
-#: Usual sizes of a free form: on rotor and shaft, and in proportion to the tilt rate.
-_SIZES = {"rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4)}
+#: Usual sizes of a free form: on rotor and shaft, in proportion to the tilt rate, and to a temperature.
+_SIZES = {"rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4)}
 _SIZE = (5.0e-5, 1.0e-3)
 
 
 def _amplitude(name: str, kind: str) -> Coefficient:
     size = _SIZES.get(kind, _SIZE)
-    return Coefficient(
-        name, "N*m", "size at the reference tilt and speed", size, (-1.0, 1.0), "fitted", signed=True
-    )
+    text = "size at the reference tilt and speed"
+    unit = "N*m/K" if kind == "warming" else "N*m"
+    return Coefficient(name, unit, text, size, (-1.0, 1.0), "fitted", signed=True)
 
 
 def _form(
@@ -128,7 +129,9 @@ def _shape(
 
 
 def _exponent(name: str, value: float, of: str) -> Coefficient:
-    return _shape(name, value, _EXPONENT, f"{_IS_EXPONENT}{of}", (0.0, 8.0))
+    # a torque may fall with the speed, but none is infinite at an upright rotor
+    bounds = (-4.0 if of == "speed" else 0.0, 8.0)
+    return _shape(name, value, _EXPONENT, f"{_IS_EXPONENT}{of}", bounds)
 
 
 _OF_SPEED, _OF_TILT = ("spin_rate_reference", "rad/s"), ("tilt_reference", "rad")
@@ -220,6 +223,16 @@ def memory_forms() -> tuple[Term, ...]:
         state = LawState("m", "1", (z_rate - m * sp.Abs(z_rate)) / (_p * z_ref), complex=True)
         text = "torque that the motion of the tilt pulls along, speed^q"
         result.append(_form(f"pulled_{part:g}", text, "rotor_torque", m * _r**_q, way, power, state=state))
+    for time in (15.0, 60.0):
+        # what warms behind the coils has the temperature of the air at first
+        lag = _time("time by which it warms behind the coils", time)
+        state = LawState("m", "K", (_T_coil - _T_air - late) / _s)
+        for name, text, target, shape in (
+            ("tilt_warming", "torque in proportion to the tilt and to a temperature", "rotor_torque", _u),
+            ("spin_warming", "torque on the spin in proportion to a temperature", "shaft_torque", sp.S.One),
+        ):
+            text, law = f"{text} that lags behind that of the coils", late * shape
+            result.append(_form(f"{name}_{time:g}", text, target, law, lag, sized="warming", state=state))
     for time in (4.0, 30.0):
         lag = _time("time by which it lags", time)
         state = LawState("m", "1", (_u - m) / _s, _u, complex=True)
@@ -227,10 +240,9 @@ def memory_forms() -> tuple[Term, ...]:
         result.append(_form(f"tilt_lag_{time:g}", text, "rotor_torque", m * _r**_q, power, lag, state=state))
         # a bearing that was at rest has another state than one that runs
         begun = _shape("p", 0.5, 0.5, "state at the start over that of a long run", (-1.0, 2.0))
-        behind = replace(_exponent("q", 1, "speed"), bounds=(-4.0, 8.0))
         of_tilt = (_square + _TINY) ** (_k / 2) * _r**_q
         for name, text, drive, exponents in (
-            ("spin_lag", "speed^q", _r**_q, (behind,)),
+            ("spin_lag", "speed^q", _r**_q, (_exponent("q", 1, "speed"),)),
             ("spin_tilt_lag", "|tilt|^k, speed^q", of_tilt, (_exponent("k", 2, "tilt"), power)),
         ):
             state = LawState("m", "1", (drive - late) / _s, _p * drive)

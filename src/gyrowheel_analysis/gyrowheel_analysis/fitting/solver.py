@@ -23,8 +23,10 @@ Array = NDArray[np.float64]
 _FAR = 5.0  # stated uncertainties after which the derivatives by the bench parameters are computed again
 _BOLD_STEPS = 3
 _WORTH = 5.0  # predicted gain in chi-squared from which on a step is followed uphill
-#: Shares of a step that are tried, the whole one first.
+#: Shares of a step that are tried: the whole one first, or the next larger one than that of the last step.
 _SHORTENINGS = (1.0, 0.5, 0.2, 0.05, 0.01)
+#: A fit creeps where a step is shortened to this number and gains less than this part of chi-squared: it ends.
+_SHORT, _PROGRESS = 3, 1.0e-4
 _GAIN = 1.0e-3  # in chi-squared: a step that gains less is the last one
 
 
@@ -138,14 +140,14 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
     count = objective.count
     taken_at = x[:count].copy()
     at = objective.at(x)
-    bold = True
+    bold, begin = True, 0
     for _ in range(iterations):
         if np.abs(x[:count] - taken_at).max() > _FAR:
             nuisance_jacobian = objective.nuisance_jacobian(at, nuisance_jacobian)
             taken_at = x[:count].copy()
         linear = _linear(objective, x, at, nuisance_jacobian)
-        for shortening in _SHORTENINGS:
-            trial = objective.within_bounds(x + shortening * linear.step)
+        for part in range(begin, len(_SHORTENINGS)):
+            trial = objective.within_bounds(x + _SHORTENINGS[part] * linear.step)
             there = objective.at(trial)
             if there.chi2 <= at.chi2:
                 break
@@ -156,8 +158,8 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
                     break
         else:
             break  # no step along this direction lowers chi-squared
-        gain, x, at = at.chi2 - there.chi2, trial, there
-        if gain < _GAIN * max(1.0, 1e-3 * at.chi2):
+        gain, x, at, begin = at.chi2 - there.chi2, trial, there, max(part - 1, 0)
+        if gain < _GAIN * max(1.0, 1e-3 * at.chi2) or (part >= _SHORT and gain < _PROGRESS * at.chi2):
             break
     scaled = linear.design / linear.size
     if not np.isfinite(scaled).all():

@@ -17,6 +17,7 @@ from gyrowheel.show.sentences.findings import (
 )
 from gyrowheel.show.sentences.residuals import growth_sentence
 from gyrowheel.show.sentences.setup import misstated_sentence, problem
+from gyrowheel_analysis.criteria import CHI2_RANGE
 from gyrowheel_core.errors import with_article
 from gyrowheel_core.quantities import decimal, interval, listed, pair, quantity, with_error
 
@@ -177,8 +178,9 @@ def _nothing(found: Diagnosis, *, also: bool = False) -> str:
 
 def _unknown(found: Diagnosis) -> str:
     if _fails_elsewhere(found):
+        nothing = "Besides, nothing" if found.events or found.drift_shapes else "Nothing"
         return (
-            "Nothing shows in these recordings, but something is missing: "
+            f"{nothing} shows in these recordings, but something is missing: "
             f"the model does not predict {found.proof.recording if found.proof else 'others'}."
         )
     named_only = (found.effects or found.instruments) and not found.free_form
@@ -204,10 +206,11 @@ def _ties(found: Diagnosis) -> str:
 
 
 def _fails_elsewhere(found: Diagnosis) -> bool:
-    """Whether nothing was found, and the model does not predict a recording for validation."""
+    """Whether nothing was found or is left, and the model does not predict a recording for validation."""
     proof = found.proof
     missed = proof is not None and proof.proven is False and not proof.left_out
-    return missed and not found.effects and not found.free_form and found.map is None
+    something = found.effects or found.free_form or found.map is not None or found.lack_of_fit > CHI2_RANGE
+    return missed and not something
 
 
 def _some(names: Sequence[str], most: int = 4) -> str:

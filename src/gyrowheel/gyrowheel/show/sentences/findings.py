@@ -74,6 +74,7 @@ _MOTION = {
     "speed": "speed",
     "tilt": "tilt",
     "direction": "direction of the tilt",
+    "rate": "rate of the tilt",
     "time": "time since the start",
     "history": "earlier speeds and tilts",
 }
