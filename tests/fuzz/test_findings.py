@@ -9,6 +9,8 @@ from pathlib import Path
 
 import mcap.writer
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from gyrowheel.cli.internal_errors import machine_error
@@ -16,6 +18,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import read_text
+from gyrowheel_core.units import conversion
 from gyrowheel_recording.bags import Recording, RecordingWriter
 from gyrowheel_recording.bags.columns import definition
 from gyrowheel_recording.mapping import ColumnMap, import_table
@@ -66,6 +69,28 @@ def test_an_error_of_a_path_is_no_defect() -> None:
 def test_a_unit_without_signs_between_its_factors(unit: str) -> None:
     with pytest.raises(InputError, match="is no unit; write it like"):
         typed_effect(f"own: coil_gain = a*(T_coil - T_ref); a [{unit}]")
+
+
+@pytest.mark.parametrize("unit", ["+g*m^2", "--kg*m^2", "kg*(+m^2)"])
+def test_a_unit_with_a_sign(unit: str) -> None:
+    with pytest.raises(InputError, match="a unit has no sign"):
+        conversion(unit, "kg*m^2")
+    assert conversion("kg*m^+2", "kg*m^2") == conversion("1/kg^-1*m**(+2)", "kg*m^2") == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("key", ["spin_rpm", "tilt_deg"])
+def test_a_block_of_a_plan_without_values(key: str) -> None:
+    text = f"schema: 1\nname: t\nsegments:\n  - {{{key}: []}}\n  - {{cone_radius_deg: 3, cone_period_s: 2}}\n"
+    with pytest.raises(InputError, match=f"segments.0: {key} is an empty list; allowed: at least one value"):
+        Plan.load(text)
+
+
+def test_a_column_of_parquet_whose_name_is_no_text(tmp_path: Path) -> None:
+    table = tmp_path / "table.parquet"
+    pq.write_table(pa.table({"spin": [1.0, 2.0]}), table)
+    table.write_bytes(table.read_bytes().replace(b"spin", b"s\xffin"))
+    with pytest.raises(InputError, match=r"table\.parquet: cannot be read: "):
+        read_grid(table)
 
 
 @pytest.mark.graph

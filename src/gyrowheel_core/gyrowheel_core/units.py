@@ -48,6 +48,8 @@ _COARSE: Final = (
 )
 #: A product of units, and the names in it that are known without a library.
 _PRODUCT: Final = re.compile(r"(?:1|[A-Za-z]+(?:\^\d)?)(?:[*/][A-Za-z]+(?:\^\d)?)*")
+#: A sign that is not that of an exponent.
+_SIGNED: Final = re.compile(r"(?<!\^)(?<!\^\()(?<!\*\*)(?<!\*\*\()[+-]")
 _NAMES: Final = re.compile(r"[A-Za-z]+")
 _SI: Final = frozenset({"A", "K", "N", "Pa", "V", "kg", "m", "ohm", "rad", "s"})
 #: Spellings of units in formulas and in texts.
@@ -95,16 +97,23 @@ def unit_registry() -> pint.UnitRegistry[Any]:
     return pint.UnitRegistry()
 
 
+def _parsed(unit: str) -> Any:
+    """Return a unit of the library, which would pass over signs: +g is no unit."""
+    if _SIGNED.search(unit):
+        raise InputError("a unit has no sign")
+    return unit_registry().parse_units(unit)
+
+
 def require_unit(unit: str) -> None:
     """Refuse a text that is not a unit. Products of SI units, as the project writes them, need no library.
 
     Raises
     ------
-    pint.PintError
+    pint.PintError or InputError
         If it is not a unit.
     """
     if not (_PRODUCT.fullmatch(unit) and {*_NAMES.findall(unit)} <= _SI):
-        unit_registry().parse_units(unit)
+        _parsed(unit)
 
 
 @functools.cache
@@ -120,7 +129,7 @@ def conversion(unit: str, needed: str) -> tuple[float, float]:
         return 0.0, 1.0
     units = unit_registry()
     try:
-        own, other = units.parse_units(unit), units.parse_units(needed)
+        own, other = _parsed(unit), units.parse_units(needed)
     except Exception as error:  # pint raises several unrelated classes for a bad unit
         raise InputError(
             f"{unit!r} is no unit ({one_line(error)}); allowed: units such as {needed}"

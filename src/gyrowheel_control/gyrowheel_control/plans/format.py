@@ -90,6 +90,9 @@ class Block(Section):
             raise ValueError("a block is either a cone or a grid of tilts, not both")
         if self.sweep_to_rpm is not None and self.hold_s is None:
             raise ValueError("sweep_to_rpm needs hold_s, the time that the sweep takes")
+        for name in ("spin_rpm", "tilt_deg"):
+            if getattr(self, name) == []:
+                raise ValueError(f"{name} is an empty list; allowed: at least one value, or leave it out")
         return self
 
 

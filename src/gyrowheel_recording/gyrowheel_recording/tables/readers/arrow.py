@@ -40,7 +40,7 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 # what the file claims of its size may be small: a column of one repeated value has hardly any bytes
                 require_table(file.metadata.num_rows * sum(sizes.values()), str(path))
                 found = of_table(file.read(columns=wanted), str(path))
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
     left_out = [f"{name} is left out: its cells are of {kinds[name]}" for name in others]
     return replace(found, remarks=(*found.remarks, *left_out))
