@@ -32,14 +32,14 @@ OWN = f"""\
     declaration: {{torque: -k*r*z, coefficients: {{k: {{unit: N*m/rad}}}}}}
     k: {{value: 0.03, standard_error: 0.001}}
 """
-#: As many holds as a diagnosis needs, at speeds that are soon reached.
+#: Two holds more than a diagnosis needs, at speeds that are soon reached.
 STEADY_PLAN = """\
 schema: 1
 name: drag
 hold_s: 1.3
 segments:
-  - {spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1]]}
-  - {spin_rpm: 3200, tilt_deg: [[0, 1], [1, 0], [0, 0]]}
+  - {spin_rpm: 3500, tilt_deg: [[0, 0], [1, 0], [0, 1], [1, 1]]}
+  - {spin_rpm: 3200, tilt_deg: [[1, 1], [0, 1], [1, 0], [0, 0]]}
 """
 COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 
