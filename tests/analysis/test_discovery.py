@@ -264,6 +264,21 @@ def test_a_torque_that_falls_with_the_speed_has_a_negative_exponent(tmp_path: Pa
 
 
 @pytest.mark.study
+def test_a_dynamic_imbalance_is_the_runout_that_looks_the_same(tmp_path: Path) -> None:
+    """The rotor turns about its principal axis where its own stiffness, (C - A) Omega^2, balances the torque."""
+    fit, check = hidden_law("torque = a*r^2*exp(i*theta_z); a = 0.0005 [N*m]", "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    (effect,) = found.effects
+    assert effect.name == "runout"
+    assert "dynamic imbalance" in effect.effect_sentence
+    assert found.proof is not None
+    assert found.proof.proven
+    inertia = BENCH.value("rotor_inertia_z") - BENCH.value("rotor_inertia_x")
+    angle = 0.0005 / (inertia * BENCH.value("spin_rate_reference") ** 2)
+    assert effect.coefficients["R_x"].value == pytest.approx(angle, rel=0.03)
+
+
+@pytest.mark.study
 def test_a_law_that_acts_in_a_cone_is_no_event(tmp_path: Path) -> None:
     """The coils are loaded most while the tilt goes round: once, and for some seconds."""
     fit, check = hidden_law("motor_gain = -g*abs(V_coil)^2; g = 0.001 [1/V^2]", "survey", tmp_path)

@@ -74,7 +74,9 @@ RUNOUT = Effect(
     name="runout",
     title="runout of the tilt sensors' target",
     category="sensor",
-    sentence="The surface that the sensors look at is not square to the spin axis and wobbles once a revolution.",
+    # the torque of the products of inertia and the stiffness of the spinning rotor both grow as the square of the speed
+    sentence="The surface that the sensors look at is not square to the spin axis and wobbles once a revolution. "
+    "A principal axis of the rotor off its spin axis (dynamic imbalance) looks the same at every speed.",
     laws=(Law("tilt_reading", (_Rx + sp.I * _Ry) * sp.exp(sp.I * theta_z)),),
     coefficients=tuple(
         amplitude(
