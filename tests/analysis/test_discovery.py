@@ -263,6 +263,19 @@ def test_a_torque_that_falls_with_the_speed_has_a_negative_exponent(tmp_path: Pa
     assert found.error.validation_after.chi2_per_n < 1.2
 
 
+@pytest.mark.slow
+def test_a_motor_constant_that_depends_on_the_speed_is_no_drag(tmp_path: Path) -> None:
+    fit, check = hidden_law("motor_gain = g*r; g = 0.01 [1]", "quick", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert not found.effects
+    (form,) = found.free_form
+    assert form.formula.startswith("motor_gain = ")
+    assert abs(form.coefficients["q"].value - 1.0) < 3.0 * form.coefficients["q"].standard_error
+    assert found.error is not None
+    assert found.error.validation_after is not None
+    assert found.error.validation_after.chi2_per_n < 1.2
+
+
 @pytest.mark.study
 def test_a_dynamic_imbalance_is_the_runout_that_looks_the_same(tmp_path: Path) -> None:
     """The rotor turns about its principal axis where its own stiffness, (C - A) Omega^2, balances the torque."""

@@ -1,10 +1,10 @@
 """Free forms: formulas for an effect that no declaration describes.
 
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps at one
-speed, dead zones in the tilt, and torques that decay with time; where laws with a memory are candidates also torques
-that lag behind the tilt, the speed or the temperature of the coils, or that the motion of the tilt pulls along. It
-answers two questions: whether there is an effect that the registered ones do not describe, and which formula describes
-it.
+speed, dead zones in the tilt, torques that decay with time, and gains of coils, motor and tilt sensors that depend on
+the speed; where laws with a memory are candidates also torques that lag behind the tilt, the speed or the temperature
+of the coils, or that the motion of the tilt pulls along. It answers two questions: whether there is an effect that the
+registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -82,16 +82,18 @@ class Proposal:
         return tuple(t for t in self.fit.terms if t != self.term)
 
 
-#: Usual sizes of a free form: on rotor and shaft, in proportion to the tilt rate, and to a temperature.
-_SIZES = {"rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4)}
+#: Usual sizes of a free form: on rotor and shaft, in proportion to the tilt rate, to a temperature, and of a gain.
+_SIZES = {
+    "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05)
+}  # fmt: skip
+_UNITS = {"warming": "N*m/K", "gain": "1"}
 _SIZE = (5.0e-5, 1.0e-3)
 
 
 def _amplitude(name: str, kind: str) -> Coefficient:
     size = _SIZES.get(kind, _SIZE)
     text = "size at the reference tilt and speed"
-    unit = "N*m/K" if kind == "warming" else "N*m"
-    return Coefficient(name, unit, text, size, (-1.0, 1.0), "fitted", signed=True)
+    return Coefficient(name, _UNITS.get(kind, "N*m"), text, size, (-1.0, 1.0), "fitted", signed=True)
 
 
 def _form(
@@ -103,8 +105,9 @@ def _form(
     sized: str = "",
     state: LawState | None = None,
 ) -> Term:
-    law = (_a + sp.I * _b) * shape if target == "rotor_torque" else _a * shape
-    names = ("a", "b") if target == "rotor_torque" else ("a",)
+    across = target in ("rotor_torque", "tilt_reading")
+    law = (_a + sp.I * _b) * shape if across else _a * shape
+    names = ("a", "b") if across else ("a",)
     amplitudes = [_amplitude(own, sized or target) for own in names]
     name = name.replace(".", "_")
     effect = Effect(
@@ -202,6 +205,16 @@ def forms() -> tuple[Term, ...]:
         shape = (_square + _TINY) ** (_k / 2) * _r**_q
         text = "torque on the spin, |tilt|^k, speed^q"
         result.append(_form(f"spin_tilt_{q}", text, "shaft_torque", shape, *exponents))
+    for name, target, shape, text in (
+        ("coil_gain", "coil_gain", sp.S.One, "change of the torque per volt of the coils"),
+        ("motor_gain", "motor_gain", sp.S.One, "change in torque and voltage constant of the motor"),
+        ("resistance", "winding_resistance", sp.S.One, "change in the resistance of the motor's winding"),
+        ("tilt_gain", "tilt_reading", z, "error of the tilt readings in proportion to the tilt"),
+    ):
+        law = shape * _r**_q
+        result.append(
+            _form(f"{name}_1", f"{text}, speed^q", target, law, _exponent("q", 1, of_speed), sized="gain")
+        )
     for time in (15.0, 40.0, 120.0):
         fades = _time("time in which it fades", time)
         fading = sp.exp(-_t / _s)
