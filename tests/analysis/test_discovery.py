@@ -251,7 +251,7 @@ def hidden_law(formula: str, plan: str, folder: Path) -> tuple[Path, Path]:
     return folder / plan, folder / "check"
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_torque_that_falls_with_the_speed_has_a_negative_exponent(tmp_path: Path) -> None:
     fit, check = hidden_law("torque = a*conj(z/z_ref)^2*exp(-r); a = 0.0015 [N*m]", "quick", tmp_path)
     found = gw.diagnose(fit, gw.Model(), validate=check)
