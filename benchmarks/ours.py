@@ -109,7 +109,17 @@ def steps(
 
     def go() -> NDArray[np.float64]:
         m = machine
-        run(constants, m.coefficients, m.active, m.environment, start.copy(), voltages, substeps, states)
+        run(
+            constants,
+            m.coefficients,
+            m.active,
+            m.further,
+            m.environment,
+            start.copy(),
+            voltages,
+            substeps,
+            states,
+        )
         return states
 
     return go
@@ -121,12 +131,13 @@ def _open_loop() -> Any:
 
     @njit(error_model="numpy")
     def run(
-        p: Any, coef: Any, active: Any, env: Any, state: Any, voltages: Any, substeps: int, states: Any
-    ) -> None:
+        p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, voltages: Any, substeps: int,
+        states: Any,
+    ) -> None:  # fmt: skip
         t = 0.0
         for k in range(len(voltages)):
             for _ in range(substeps):
-                step(p, coef, active, env, state, t, voltages[k, 0], voltages[k, 1], voltages[k, 2])
+                step(p, coef, active, further, env, state, t, voltages[k, 0], voltages[k, 1], voltages[k, 2])
                 t += p.sample_period
             for i in range(MECHANICAL):
                 states[k, i] = state[i]
@@ -146,7 +157,14 @@ def sampled_loop(tilt: float, spin_rate: float, seconds: float, substeps: int) -
     controller, setpoint = Controller(bench()), (tilt, 0.0, 0.0, 0.0, spin_rate, 0.0)
     reading, silence = np.zeros(11), machine.noise(1)[0]
     silence[:] = 0.0
-    constant = (machine.coefficients, machine.active, machine.environment, machine.state, 0.0)
+    constant = (
+        machine.coefficients,
+        machine.active,
+        machine.further,
+        machine.environment,
+        machine.state,
+        0.0,
+    )
     voltages = np.empty((round(seconds / bench().sample_period), 3))
     for k in range(len(voltages)):
         voltages[k] = machine.held

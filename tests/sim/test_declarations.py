@@ -22,7 +22,8 @@ from gyrowheel_sim.effects import (
 )
 from gyrowheel_sim.effects.law_code import array_law, laws_source
 from gyrowheel_sim.effects.quantities import QUANTITIES
-from gyrowheel_sim.plant.machine import plant_code, simulated_effects
+from gyrowheel_sim.plant.compiled import Further
+from gyrowheel_sim.plant.machine import Machine, compiled_effects, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .every_effect import EACH
@@ -229,11 +230,20 @@ def test_a_declared_effect_runs_as_the_same_registered_one() -> None:
     np.testing.assert_array_equal(found.measurement, expected.measurement)
 
 
+def test_a_declared_effect_joins_the_compiled_plant() -> None:
+    own = effect_from_text("own: torque = -k*z*r; k [N*m]")
+    scenario = Scenario(effects={"own": {"k": 1e-4}}, declared={"own": own})
+    machine = Machine(BENCH, scenario, initial_spin_rate=300.0)
+    assert machine.compiled == compiled_effects()
+    assert [place for place in Further if machine.further[place]] == [Further.evaluate_laws]
+
+
 def test_a_declared_effect_may_have_the_name_of_one_for_blind_tests() -> None:
     own = effect_from_text("contact: shaft_torque = -k*r; k [N*m]")
     effects = simulated_effects((own,))
     assert [e for e in effects if e.name == "contact"] == [own]
-    assert plant_code((own,)) is not plant_code()
+    machine = Machine(BENCH, Scenario(declared={"contact": own}), initial_spin_rate=300.0)
+    assert "contact" not in {effect.name for effect in machine.compiled}
 
 
 def test_coefficients_may_have_the_names_of_variables_in_the_code() -> None:

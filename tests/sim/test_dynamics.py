@@ -552,6 +552,7 @@ def free_motion() -> tuple[np.ndarray, PlantParameters]:
             p,
             machine.coefficients,
             machine.active,
+            machine.further,
             machine.environment,
             t,
             1.2,
@@ -596,7 +597,8 @@ def test_steps_keep_energy_and_momentum():
         before = conserved(KICK[:, None], p)
         for _ in range(100 * divide):
             code.plant_step(
-                fine, machine.coefficients, machine.active, machine.environment, machine.state, 0.0, 0.0, 0.0, 0.0
+                fine, machine.coefficients, machine.active, machine.further, machine.environment, machine.state, 0.0,
+                0.0, 0.0, 0.0
             )  # fmt: skip
         after = conserved(machine.state[:6, None], p)
         energy = abs(after[0] + after[1] - before[0] - before[1]) / before[0]
@@ -610,7 +612,8 @@ def test_flexure_forces_of_the_plant():
     machine, p = isolated()
     tilt = 0.01
     acceleration = loop_code().plant_rates(
-        p, machine.coefficients, machine.active, machine.environment, 0.0, 1.2, machine.state, 0.0, 0.0, 0.0,
+        p, machine.coefficients, machine.active, machine.further, machine.environment, 0.0, 1.2, machine.state, 0.0,
+        0.0, 0.0,
         0.0, -np.sin(tilt), 0.0, 0.0, 0.0, 0.0,
     )  # fmt: skip
     joint = inverse(Spin(np.tan(tilt) + 0j, 0j, 0j, 0.0, 0.0, 0.0), (1, 1, 1, 0, 0, 0, 1))
@@ -639,7 +642,8 @@ def test_an_asymmetric_rotor_beats_at_twice_the_spin_minus_the_nutation(differen
     z = np.empty(n, dtype=complex)
     for k in range(n):
         code.plant_step(
-            machine.parameters, machine.coefficients, machine.active, machine.environment, machine.state,
+            machine.parameters, machine.coefficients, machine.active, machine.further, machine.environment,
+            machine.state,
             k * BENCH.sample_period, 0.0, 0.0, 0.0,
         )  # fmt: skip
         z[k] = complex(machine.state[0], machine.state[1])

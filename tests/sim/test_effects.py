@@ -38,7 +38,7 @@ from gyrowheel_sim.effects.quantities import REFERENCES, Omega
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.environment import RIGS, Environment
 from gyrowheel_sim.instruments.readings import N_NOISE
-from gyrowheel_sim.plant.compiled import N_STATE, State, Surroundings
+from gyrowheel_sim.plant.compiled import N_STATE, Further, State, Surroundings
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
 from gyrowheel_sim.plant.scenario import THREE_LOBED, Scenario
 
@@ -287,7 +287,8 @@ def machine() -> Machine:
 
 
 def arrays(effects: Mapping[str, Mapping[str, float]]) -> Any:
-    return coefficient_arrays(simulated_effects(), {k: dict(v) for k, v in effects.items()}, BENCH)
+    values = {k: dict(v) for k, v in effects.items()}
+    return *coefficient_arrays(simulated_effects(), values, BENCH), np.zeros(len(Further), dtype=np.int64)
 
 
 def state_of(s: Mapping[str, Any]) -> np.ndarray:

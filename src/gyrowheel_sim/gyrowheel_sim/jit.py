@@ -33,9 +33,12 @@ from gyrowheel_core.surroundings import ignored_here
 _SETTINGS = ".numba_config.yaml"
 with ignored_here(_SETTINGS) as _ignored:
     import numba
-    from numba.core import caching, config
+    from numba import types
+    from numba.core import caching, cgutils, config
+    from numba.core.ccallback import CFunc
     from numba.core.runtime.nrt import rtsys
     from numba.core.serialize import dumps
+    from numba.extending import intrinsic
     from numba.extending import register_jitable as register_jitable
 if _ignored:  # it would look again whenever it compiles
     config._config_fname = os.devnull
@@ -62,6 +65,73 @@ def njit(function: FunctionType | None = None, *, cache: bool = False, **options
     if cache:
         compiled._cache = _Kept(function)
     return compiled
+
+
+_NUMBERS = types.CPointer(types.float64)
+_LAWS = types.void(_NUMBERS, types.CPointer(types.uint8), _NUMBERS, _NUMBERS, _NUMBERS)
+
+
+def called_by_address(function: FunctionType) -> Any:
+    """Compile a function for `call_laws`; its machine code is kept as that of `njit`.
+
+    Its arguments are pointers: to the coefficients, the flags of active effects, the state of the plant, the
+    quantities of the instant, and the sums that it adds to.
+    """
+    compiled: Any = CFunc(function, (_LAWS.args, _LAWS.return_type), {}, {"error_model": "numpy"})
+    compiled._cache = _Kept(function)
+    compiled.compile()
+    return compiled
+
+
+def _call_laws(_: Any, address: Any, coef: Any, active: Any, state: Any, q: Any, sums: Any) -> Any:
+    """Return the tuple `sums` as the function at `address` changes it (see `called_by_address`), as it is at address 0.
+
+    A law can so join a plant that was compiled without it.
+    """
+
+    def code(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kinds = dict(zip(("address", "coef", "active", "state", "q", "sums"), signature.args, strict=True))
+        values = dict(zip(kinds, arguments, strict=True))
+        double = target.get_value_type(types.float64)
+
+        def numbers(name: str) -> list[Any]:
+            return [
+                target.cast(builder, builder.extract_value(values[name], index), kind, types.float64)
+                for index, kind in enumerate(kinds[name])
+            ]
+
+        def stored(given: list[Any]) -> Any:
+            array = cgutils.alloca_once(builder, double, size=max(len(given), 1))
+            for index, value in enumerate(given):
+                builder.store(value, cgutils.gep(builder, array, index))
+            return array
+
+        before, start = numbers("sums"), builder.block
+        with builder.if_then(cgutils.is_not_null(builder, values["address"]), likely=False):
+            pointers = [
+                target.make_array(kinds[name])(target, builder, values[name]).data
+                for name in ("coef", "active", "state")
+            ]
+            pointers += [stored(numbers("q")), stored(before)]
+            kind = target.get_function_pointer_type(types.ExternalFunctionPointer(_LAWS, int))
+            target.call_function_pointer(builder, builder.inttoptr(values["address"], kind), pointers)
+            after, end = (
+                [builder.load(cgutils.gep(builder, pointers[-1], index)) for index in range(len(before))],
+                builder.block,
+            )
+        results = []
+        for old, new in zip(before, after, strict=True):
+            result = builder.phi(double)
+            result.add_incoming(old, start)
+            result.add_incoming(new, end)
+            results.append(result)
+        return target.make_tuple(builder, signature.return_type, results)
+
+    return sums(address, coef, active, state, q, sums), code
+
+
+#: Compiled code alone calls it, with `_call_laws` without its first argument.
+call_laws: Any = intrinsic(_call_laws)
 
 
 class _Kept(caching.FunctionCache):
@@ -148,8 +218,7 @@ from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
-from gyrowheel_sim.jit import njit
-from numba.extending import register_jitable
+from gyrowheel_sim.jit import call_laws, called_by_address, njit, register_jitable
 
 """
 

@@ -13,7 +13,7 @@ from gyrowheel_sim.jit import njit
 from gyrowheel_sim.mechanics.dynamics import case_to_joint
 
 if TYPE_CHECKING:
-    from gyrowheel_sim.effects.generated import N_LAW_MEMORY, flexures_remember, law_rates, law_starts
+    from gyrowheel_sim.effects.generated import flexures_remember, law_rates, law_starts, law_states
 
 # --- kernel ---
 
@@ -53,12 +53,12 @@ def states_along(
     Each part takes the mean of the rates at its ends (Heun).
     """
     joint = flexures_remember(active)
-    step = h / parts
+    step, n = h / parts, law_states(state)
     at = instant_of_course(course, slow, 0, 0, start, h, joint)
     law_starts(coef, active, state, at)
     before = state.copy()
     for k in range(len(course)):
-        out[k] = state[:N_LAW_MEMORY]
+        out[k] = state[:n]
         if k + 1 == len(course):
             break
         ahead = instant_of_course(course, slow, k + 1, (k + 1) // per_row, start, h, joint)
@@ -66,10 +66,10 @@ def states_along(
             first = at if 2 * part < parts else ahead
             last = at if 2 * (part + 1) < parts else ahead
             law_rates(coef, active, state, first)
-            for i in range(N_LAW_MEMORY):
-                before[i] = state[i] + 0.5 * step * state[i + N_LAW_MEMORY]
-                state[i] += step * state[i + N_LAW_MEMORY]
+            for i in range(n):
+                before[i] = state[i] + 0.5 * step * state[i + n]
+                state[i] += step * state[i + n]
             law_rates(coef, active, state, last)
-            for i in range(N_LAW_MEMORY):
-                state[i] = before[i] + 0.5 * step * state[i + N_LAW_MEMORY]
+            for i in range(n):
+                state[i] = before[i] + 0.5 * step * state[i + n]
         at = ahead

@@ -75,13 +75,13 @@ def simulate(
         If the plan is beyond the limits of the bench, or the machine runs away on it.
     """
     plan.check(bench)
-    code = loop_code(tuple(scenario.declared.values()))
     setpoints = plan.setpoints()
     stamps = np.ascontiguousarray(setpoints["stamp_ns"])
     values = np.column_stack([setpoints[column.name] for column in SetpointColumn])
     period_ns = round(bench.sample_period * 1e9)
     n = round(plan.duration / bench.sample_period)
     machine = Machine(bench, scenario, initial_spin_rate=plan.initial_spin_rate)
+    code = loop_code(machine.compiled)
     constants = code.ControllerParameters(*controller_parameters(bench, gains or bench.gains))
     controller = np.zeros(len(ControllerState))
     measurement, command = np.empty((n, len(Reading))), np.empty((n, len(CommandColumn)))
@@ -95,8 +95,9 @@ def simulate(
                 machine.set_environment(event)
         first = max(np.searchsorted(stamps, start * period_ns, side="right") - 1, 0)
         code.closed_loop(
-            machine.parameters, machine.coefficients, machine.active, machine.environment, machine.state, machine.held,
-            constants, controller, values[first:], stamps[first:], start, machine.noise(stop - start),
+            machine.parameters, machine.coefficients, machine.active, machine.further, machine.environment,
+            machine.state,
+            machine.held, constants, controller, values[first:], stamps[first:], start, machine.noise(stop - start),
             measurement[start:stop], command[start:stop],
         )  # fmt: skip
         _require_held(measurement[start:stop], start, bench, plan)

@@ -68,17 +68,17 @@ def _code() -> ModuleType:
 
 
 @functools.cache
-def loop_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
-    """Return the compiled module of plant, controller and closed loop with every effect that the plant can have.
+def loop_code(effects: tuple[Effect, ...] | None = None) -> ModuleType:
+    """Return the compiled module of plant, controller and closed loop with the laws of these effects.
 
-    `declared`: effects in addition to the registered ones.
+    Those of `gyrowheel_sim.plant.machine.compiled_effects` if not given.
     """
     # the laws of the plant need SymPy, which takes long to load and which a controller alone does not need
     from gyrowheel_sim.plant.compiled import compiled_plant
-    from gyrowheel_sim.plant.machine import simulated_effects
+    from gyrowheel_sim.plant.machine import compiled_effects
 
     return compiled_plant(
-        simulated_effects(declared),
+        compiled_effects() if effects is None else effects,
         (_KERNEL, ("gyrowheel_control", "loops/loop_kernel.py")),
         (ControllerState, SetpointColumn, CommandColumn),
     )

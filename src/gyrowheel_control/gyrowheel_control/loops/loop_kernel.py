@@ -18,7 +18,8 @@ from gyrowheel_sim.plant.kernel import plant_advance, plant_measure
 
 @njit(cache=True, error_model="numpy")
 def closed_loop(
-    p: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, c: Any, s: Any, setpoints: Any, stamps: Any,
+    p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, held: Any, c: Any, s: Any, setpoints: Any,
+    stamps: Any,
     start: int, noise: Any, measurement: Any, command: Any,
 ) -> None:  # fmt: skip
     """Run samples `start` .. start + len(measurement) - 1 of the closed loop under one environment.
@@ -33,11 +34,13 @@ def closed_loop(
         k = start + i
         out = measurement[i]
         if k == 0:
-            plant_measure(p, coef, active, env, state, 0.0, held[0], held[1], held[2], held, noise[i], out)
+            plant_measure(
+                p, coef, active, further, env, state, 0.0, held[0], held[1], held[2], held, noise[i], out
+            )
         else:
             # the command of the sample before, computed below, waits in the state
             plant_advance(
-                p, coef, active, env, state, held, (k - 1) * h,
+                p, coef, active, further, env, state, held, (k - 1) * h,
                 s[ControllerState.coil_voltage_x], s[ControllerState.coil_voltage_y], s[ControllerState.motor_voltage],
                 noise[i], out,
             )  # fmt: skip

@@ -5,9 +5,9 @@ from typing import Any
 from gyrowheel_sim.effects.law_code import Action, Instant
 
 LAW_MEMORY: int  # where in the state of the plant the states of the effects begin
-N_LAW_MEMORY: (
-    int  # their number; their rates and values in the middle of a sample follow, and whether they have begun
-)
+
+def law_states(state: Any) -> int:
+    """Return their number; their rates and values in the middle of a sample follow, and whether they have begun."""
 
 def remembers(active: Any) -> bool:
     """Whether an active effect has a state."""

@@ -46,6 +46,8 @@ FUNCTIONS: dict[str, tuple[LawTarget, ...]] = {
     "evaluate_laws": tuple(target for target in TARGETS.values() if not target.once_a_sample),
     "evaluate_samples": tuple(target for target in TARGETS.values() if target.once_a_sample),
 }
+#: The generated functions that write into the states of effects.
+_STATES = ("law_rates", "law_starts")
 
 
 class _Printer(PythonCodePrinter):
@@ -70,25 +72,25 @@ class _Printer(PythonCodePrinter):
 
 
 def coefficient_layout(effects: Sequence[Effect]) -> dict[tuple[str, str], int]:
-    """Return the place of each (effect, coefficient) in the flat array of the compiled step."""
+    """Return the place of each (effect, coefficient) in the flat array of the compiled step, after the references."""
     keys = [(effect.name, c.name) for effect in effects for c in effect.coefficients]
-    return {key: index for index, key in enumerate(keys)}
+    return {key: index for index, key in enumerate(keys, len(REFERENCES))}
 
 
 def coefficient_arrays(
     effects: Sequence[Effect], values: EffectValues, bench: Bench
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (coefficients, active flags) for the compiled step; the reference values follow the coefficients."""
+    """Return (coefficients, active flags) for the compiled step; the reference values precede the coefficients."""
     layout = coefficient_layout(effects)
-    coefficients = np.zeros(len(layout) + len(REFERENCES))
+    coefficients = np.zeros(len(REFERENCES) + len(layout))
     active = np.zeros(len(effects), dtype=np.uint8)
     for index, effect in enumerate(effects):
         if effect.name in values:
             active[index] = 1
             for name, value in (effect.defaults() | values[effect.name]).items():
                 coefficients[layout[effect.name, name]] = value
-    for offset, parameter in enumerate(REFERENCES.values()):
-        coefficients[len(layout) + offset] = bench.value(parameter)
+    for place, parameter in enumerate(REFERENCES.values()):
+        coefficients[place] = bench.value(parameter)
     return coefficients, active
 
 
@@ -120,42 +122,77 @@ def laws_source(effects: Sequence[Effect], memory_start: int = 0) -> str:
     return "\n\n".join([*functions, memory_source(effects, memory_start)])
 
 
+def further_source(effects: Sequence[Effect], first: int, memory_start: int) -> str:
+    """Return the source of the functions by which effects join a plant that was compiled without them.
+
+    Those of `evaluate_laws`, `evaluate_samples`, `law_rates`, `law_starts` that they need, each called by address
+    (`gyrowheel_sim.jit.call_laws`).
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        All effects of the plant, which make the layout of its arrays.
+    first : int
+        Those from this one on are not compiled in the plant.
+    memory_start : int
+        Where in the state of the plant the states of the effects begin.
+    """
+    own = effects[first:]
+    used = {law.target for effect in own for law in effect.laws}
+    functions = [
+        _function_source(effects, name, memory_start, first)
+        for name, targets in FUNCTIONS.items()
+        if any(target.name in used for target in targets)
+    ]
+    states = [
+        _states_source(effects, name, memory_start, first)
+        for name in _STATES
+        if any(effect.states for effect in own)
+    ]
+    return "\n\n".join([*functions, *states])
+
+
 def memory_source(effects: Sequence[Effect], memory_start: int = 0) -> str:
     """Return the source of the functions for the states of these effects; see `effects.generated`.
 
     The state of the plant has the value of every state, its rate, its value in the middle of the sample, and one number
     that says whether they have begun.
     """
-    count = sum(map(len, memory_layout(effects).values()))
     indices = [str(k) for k, effect in enumerate(effects) if effect.states]
     anything = " or ".join(f"active[{k}] != 0" for k in indices) or "False"
     turning = " or ".join(f"active[{k}] != 0" for k in indices if effects[int(k)].each_flexure) or "False"
     return "\n\n".join(
         [
-            f"LAW_MEMORY, N_LAW_MEMORY = {memory_start}, {count}\n",
+            f"LAW_MEMORY = {memory_start}\n",
+            _inlined("law_states", "state", [f"return (len(state) - {memory_start + 1}) // 3"]),
             _inlined("remembers", "active", [f"return {anything}"]),
             _inlined("flexures_remember", "active", [f"return {turning}"]),
-            _states_source(effects, "law_rates", memory_start, memory_start + count),
-            _states_source(effects, "law_starts", memory_start, memory_start),
+            *(_states_source(effects, name, memory_start) for name in _STATES),
         ]
     )
 
 
-def _states_source(effects: Sequence[Effect], function: str, memory_start: int, out: int) -> str:
-    """Return the source of a function that writes rates or start values of the states into the state from `out` on."""
+def _states_source(
+    effects: Sequence[Effect], function: str, memory_start: int, first: int | None = None
+) -> str:
+    """Return the source of a function that writes rates or start values of the states into the state."""
     printer, memory = _Printer({"fully_qualified_modules": True}), memory_layout(effects)
-    lines = [
-        "@register_jitable(forceinline=True)",
-        f"def {function}(coef, active, state, q):",
-        *_known(effects),
-    ]
-    for index, effect in enumerate(effects):
+    lines = _head(function, first)
+    out = str(memory_start)
+    if function == "law_rates":  # they follow the states, those of effects that are not compiled here too
+        out = "rates"
+        count = sum(map(len, memory.values()))
+        lines.append(
+            "    rates = "
+            + (f"{memory_start} + law_states(state)" if first is None else str(memory_start + count))
+        )
+    for index, effect in enumerate(effects[first or 0 :], first or 0):
         if not effect.states:
             continue
         lines.append(f"    if active[{index}]:  # {effect.name}")
         for number, state in enumerate(effect.states):
             places = memory[effect.name, state.name]
-            outputs = [f"state[{out + place}]" for place in places]
+            outputs = [f"state[{out} + {place}]" for place in places]
             parts = split(state.rate if function == "law_rates" else state.start)
             sides = "xy" if effect.each_flexure else " "
             for side, output in zip(sides, outputs if effect.each_flexure else [""], strict=True):
@@ -166,12 +203,17 @@ def _states_source(effects: Sequence[Effect], function: str, memory_start: int, 
     return "\n".join([*lines, "    return"]) + "\n"
 
 
-def _known(effects: Sequence[Effect]) -> list[str]:
-    """Return the lines that name the reference values and the quantities of an instant."""
-    first = len(coefficient_layout(effects))
+def _head(function: str, first: int | None) -> list[str]:
+    """Return the lines that begin a function of laws: its name, the reference values, the quantities of an instant.
+
+    With `first`, the function is called by address: it has pointers for arrays, and none for the fields of `q`.
+    """
+    inside = first is None
     return [
-        *(f"    {name} = coef[{first + i}]" for i, name in enumerate(REFERENCES)),
-        *(f"    {name} = q.{name}" for name in Instant._fields),
+        "@register_jitable(forceinline=True)" if inside else "@called_by_address",
+        f"def {function}(coef, active, state, q{'' if inside else ', sums'}):",
+        *(f"    {name} = coef[{i}]" for i, name in enumerate(REFERENCES)),
+        *(f"    {name} = q{f'.{name}' if inside else f'[{i}]'}" for i, name in enumerate(Instant._fields)),
     ]
 
 
@@ -195,8 +237,11 @@ def _names(effects: Sequence[Effect], effect: Effect, memory_start: int, side: s
 
 
 @functools.cache
-def cached_laws_source(effects: tuple[Effect, ...], memory_start: int) -> str:
-    """Return `laws_source`, kept on disk by the text of the declarations (SymPy takes seconds, reading none)."""
+def cached_laws_source(effects: tuple[Effect, ...], memory_start: int, first: int | None = None) -> str:
+    """Return `laws_source`, or with `first` `further_source`, kept on disk by the text of the declarations.
+
+    SymPy takes seconds to make it, reading takes none.
+    """
     folder = resources.files("gyrowheel_sim").joinpath("effects")
     own = [
         folder.joinpath(f"{name}.py").read_text(encoding="utf-8")
@@ -211,28 +256,30 @@ def cached_laws_source(effects: tuple[Effect, ...], memory_start: int) -> str:
         )
         for e in effects
     ]
-    name = f"laws_{cache.digest(*own, repr(declared), str(memory_start), sp.__version__)}"
+    name = f"laws_{cache.digest(*own, repr(declared), str(memory_start), str(first), sp.__version__)}"
     if (kept := cache.read(name)) is not None:
         return kept.decode()
-    text = laws_source(effects, memory_start)
+    text = (
+        laws_source(effects, memory_start) if first is None else further_source(effects, first, memory_start)
+    )
     cache.write(name, text.encode())
     return text
 
 
-def _function_source(effects: Sequence[Effect], function: str, memory_start: int) -> str:
+def _function_source(
+    effects: Sequence[Effect], function: str, memory_start: int, first: int | None = None
+) -> str:
     printer = _Printer({"fully_qualified_modules": True})
     targets = {target.name: target for target in FUNCTIONS[function]}
     outputs = [name for target in targets.values() for name in target.outputs]
     result = _tuple_name(function)
-    lines = [
-        _tuple_source(result, outputs),
-        "",
-        "@register_jitable(forceinline=True)",
-        f"def {function}(coef, active, state, q):",
-        *_known(effects),
-        f"    {' = '.join(outputs)} = 0.0",
-    ]
-    for index, effect in enumerate(effects):
+    if first is None:
+        lines = [_tuple_source(result, outputs), "", *_head(function, None)]
+        lines.append(f"    {' = '.join(outputs)} = 0.0")
+    else:
+        lines = _head(function, first)
+        lines += [f"    {output} = sums[{place}]" for place, output in enumerate(outputs)]
+    for index, effect in enumerate(effects[first or 0 :], first or 0):
         own = [(number, law) for number, law in enumerate(effect.laws) if law.target in targets]
         if not own:
             continue
@@ -247,7 +294,10 @@ def _function_source(effects: Sequence[Effect], function: str, memory_start: int
             for side, output in zip("xy", target.outputs, strict=True):
                 printer.names = _names(effects, effect, memory_start, side)
                 lines += _assignments((output,), parts[:1], printer, f"_v{index}_{number}{side}")
-    lines.append(f"    return {result}({', '.join(outputs)})")
+    if first is None:
+        lines.append(f"    return {result}({', '.join(outputs)})")
+    else:
+        lines += [f"    sums[{place}] = {output}" for place, output in enumerate(outputs)]
     return "\n".join(lines) + "\n"
 
 

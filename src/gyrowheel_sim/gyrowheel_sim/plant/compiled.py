@@ -6,6 +6,9 @@ from collections import namedtuple
 from collections.abc import Sequence
 from types import ModuleType
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.law_code import cached_laws_source, entries_source
@@ -61,6 +64,15 @@ class Surroundings(Column):
     pressure = 7, "Pa", "pressure to which the bell jar is set"
     heater = 8, "K", "temperature above the air to which the coils' heater is set; 0 = off"
     table_rate = 9, "rad/s", "rate to which the table is set"
+
+
+class Further(Column):
+    """Indices into the addresses of the functions of laws that are not compiled in the plant; 0 for no function."""
+
+    evaluate_laws = 0, "1", "laws at an instant "
+    evaluate_samples = 1, "1", "laws that are evaluated once a sample"
+    law_rates = 2, "1", "rates of the states of effects"
+    law_starts = 3, "1", "start values of the states"
 
 
 #: First indices of the blocks of the state: drifts, outputs held from the last sample, memory of the instruments.
@@ -129,6 +141,22 @@ def compiled_plant(
     return compile_source(text, "the laws of the effects and the kernels of the bench")
 
 
+def further_addresses(effects: Sequence[Effect], first: int, active: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """Return the addresses (`Further`) of the laws of the effects from number `first` on, if one of them is active.
+
+    `effects` are all effects of the plant, which make the layout of its arrays; `active` has a flag for each.
+    """
+    result = np.zeros(len(Further), dtype=np.int64)
+    if any(active[first:]):
+        code = compile_source(
+            cached_laws_source(tuple(effects), N_STATE, first), "the laws of further effects"
+        )
+        for place in Further:
+            function = getattr(code, place.name, None)
+            result[place] = 0 if function is None else function.address
+    return result
+
+
 def plant_source(
     effects: Sequence[Effect], extra: Sequence[tuple[str, str]] = (), layouts: Sequence[type[Column]] = ()
 ) -> str:
@@ -143,7 +171,7 @@ def plant_source(
     layouts : sequence of Column
         Array indices that those files use.
     """
-    indices: tuple[type[Column], ...] = (State, Surroundings, Reading, Drift, Past, Chain, *layouts)
+    indices: tuple[type[Column], ...] = (State, Surroundings, Further, Reading, Drift, Past, Chain, *layouts)
     return _TEMPLATE.format(
         indices="\n".join(map(source, indices)),
         drift_start=DRIFT_START,

@@ -9,7 +9,14 @@ import numpy as np
 
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.instruments.readings import N_NOISE, Reading
-from gyrowheel_sim.plant.compiled import DRIFT_START, HELD_START, PlantParameters, State, plant_source
+from gyrowheel_sim.plant.compiled import (
+    DRIFT_START,
+    HELD_START,
+    Further,
+    PlantParameters,
+    State,
+    plant_source,
+)
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -39,12 +46,18 @@ def njit(function=None, **options):
 
 
 register_jitable = njit
+
+
+def call_laws(address, coef, active, state, q, sums):
+    """Return the sums of the laws: every law is in this module."""
+    return sums
 '''
 _WHEEL = '''
 PlantParameters = namedtuple("PlantParameters", {fields})
 PARAMETERS = PlantParameters(*{parameters})
 COEFFICIENTS = np.array({coefficients})
 ACTIVE = np.array({active}, dtype=np.uint8)
+FURTHER = np.zeros({further}, dtype=np.int64)
 SURROUNDINGS = np.array({environment})
 START = {state}
 INITIAL_SPIN_RATE = {spin_rate}  # rad/s
@@ -61,7 +74,7 @@ class Wheel:
         self.held = np.array([0.0, 0.0, PARAMETERS.motor_constant * spin_rate])
         self._noise, self._out = np.zeros({noise}), np.zeros(len(UNITS))
         plant_measure(
-            PARAMETERS, COEFFICIENTS, ACTIVE, SURROUNDINGS, self.state, 0.0, *self.held, self.held,
+            PARAMETERS, COEFFICIENTS, ACTIVE, FURTHER, SURROUNDINGS, self.state, 0.0, *self.held, self.held,
             self._noise, self._out,
         )
 
@@ -73,7 +86,7 @@ class Wheel:
     def step(self, coil_voltage_x, coil_voltage_y, motor_voltage):
         """Advance by one sample and return its readings, by name."""
         plant_advance(
-            PARAMETERS, COEFFICIENTS, ACTIVE, SURROUNDINGS, self.state, self.held, self.time,
+            PARAMETERS, COEFFICIENTS, ACTIVE, FURTHER, SURROUNDINGS, self.state, self.held, self.time,
             coil_voltage_x, coil_voltage_y, motor_voltage, self._noise, self._out,
         )
         self.time += PARAMETERS.sample_period
@@ -106,6 +119,7 @@ def python_module(bench: Bench, scenario: Scenario) -> str:
         parameters=_numbers(machine.parameters),
         coefficients=_numbers(machine.coefficients),
         active=machine.active.tolist(),
+        further=len(Further),
         environment=_numbers(machine.environment),
         state=_numbers(machine.state),
         units=json.dumps({place.name: place.unit for place in Reading}),

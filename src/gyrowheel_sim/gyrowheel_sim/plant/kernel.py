@@ -27,7 +27,7 @@ from gyrowheel_sim.instruments.kernel import (
     sensed_tilt,
 )
 from gyrowheel_sim.instruments.readings import ROWS, WIDTH, Chain, Past
-from gyrowheel_sim.jit import njit, register_jitable
+from gyrowheel_sim.jit import call_laws, njit, register_jitable
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,
     case_to_joint,
@@ -36,12 +36,11 @@ from gyrowheel_sim.mechanics.dynamics import (
     joint_accelerations,
     moving_case_forces,
 )
-from gyrowheel_sim.plant.compiled import DRIFT_START, MEMORY_START, State, Surroundings
+from gyrowheel_sim.plant.compiled import DRIFT_START, MEMORY_START, Further, State, Surroundings
 
 if TYPE_CHECKING:
     from gyrowheel_sim.effects.generated import (
         LAW_MEMORY,
-        N_LAW_MEMORY,
         acting,
         changed,
         changed_at_sample,
@@ -51,6 +50,7 @@ if TYPE_CHECKING:
         lag_of_coils,
         law_rates,
         law_starts,
+        law_states,
         reading_errors,
         remembers,
     )
@@ -80,9 +80,30 @@ def instant_of(
     )  # fmt: skip
 
 
+@register_jitable(forceinline=True)
+def laws_at(coef: Any, active: Any, further: Any, state: Any, q: Instant) -> Any:
+    """Return the laws at an instant, with those that are not compiled here: `further` has their addresses."""
+    laws = evaluate_laws(coef, active, state, q)
+    return call_laws(further[Further.evaluate_laws], coef, active, state, q, laws)
+
+
+@register_jitable(forceinline=True)
+def samples_at(coef: Any, active: Any, further: Any, state: Any, q: Instant) -> Any:
+    """Return the same of the laws that are evaluated once a sample."""
+    laws = evaluate_samples(coef, active, state, q)
+    return call_laws(further[Further.evaluate_samples], coef, active, state, q, laws)
+
+
+@register_jitable(forceinline=True)
+def write_rates(coef: Any, active: Any, further: Any, state: Any, q: Instant) -> None:
+    """Write the rates of the states of all effects into `state`."""
+    law_rates(coef, active, state, q)
+    call_laws(further[Further.law_rates], coef, active, state, q, ())
+
+
 @njit(cache=True, error_model="numpy", forceinline=True)
 def plant_rates(
-    p: Any, coef: Any, active: Any, env: Any, t: float, rho: float, s: Any,
+    p: Any, coef: Any, active: Any, further: Any, env: Any, t: float, rho: float, s: Any,
     vx: float, vy: float, vm: float, nx: float, ny: float, ux: float, uy: float, angle: float, Omega: float,
 ) -> Any:  # fmt: skip
     """Return (n_x'', n_y'', Omega') of the rotor with every active effect.
@@ -105,7 +126,7 @@ def plant_rates(
         p, env, s, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, theta_x, theta_y, wx, wy,
         s[State.motor_current], vx, vy,
     )  # fmt: skip
-    laws = evaluate_laws(coef, active, s, at)
+    laws = laws_at(coef, active, further, s, at)
     act = acting(laws)
     m = changed(p, laws, s)
     Tx = act.across_x + m.fixed_torque_x
@@ -171,50 +192,62 @@ def instant_now(p: Any, env: Any, state: Any, t: float, rho: float) -> Any:
 
 
 @njit(cache=True, error_model="numpy")
-def begin_memory(p: Any, coef: Any, active: Any, env: Any, state: Any, t: float) -> None:
+def begin_memory(p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, t: float) -> None:
     """Give the states of the effects their start values, at the first sample."""
-    begun = LAW_MEMORY + 3 * N_LAW_MEMORY
-    if remembers(active) and state[begun] == 0.0:
+    if (remembers(active) or further[Further.law_rates] != 0) and state[-1] == 0.0:
         rho = state[State.air_pressure] / (p.gas_constant * p.air_temperature)
-        law_starts(coef, active, state, instant_now(p, env, state, t, rho))
-        state[begun] = 1.0
+        at = instant_now(p, env, state, t, rho)
+        law_starts(coef, active, state, at)
+        call_laws(further[Further.law_starts], coef, active, state, at, ())
+        state[-1] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
 def advance_memory(
-    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, rho: float, h: float
+    p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, t: float, rho: float, h: float
 ) -> None:
     """Advance the states of the effects to the middle of a sample, where the laws of its motion take them."""
-    if remembers(active):
-        law_rates(coef, active, state, instant_now(p, env, state, t, rho))
-        for i in range(LAW_MEMORY, LAW_MEMORY + N_LAW_MEMORY):
-            state[i] += 0.5 * h * state[i + N_LAW_MEMORY]
-            state[i + 2 * N_LAW_MEMORY] = state[i]
+    if remembers(active) or further[Further.law_rates] != 0:
+        write_rates(coef, active, further, state, instant_now(p, env, state, t, rho))
+        n = law_states(state)
+        for i in range(LAW_MEMORY, LAW_MEMORY + n):
+            state[i] += 0.5 * h * state[i + n]
+            state[i + 2 * n] = state[i]
 
 
 @njit(cache=True, error_model="numpy")
 def complete_memory(
-    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, rho: float, h: float
+    p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, t: float, rho: float, h: float
 ) -> None:
     """Advance the states of the effects to the end of a sample, with the mean of the rates at both ends (Heun)."""
-    if remembers(active):
-        for i in range(LAW_MEMORY, LAW_MEMORY + N_LAW_MEMORY):
-            state[i] += 0.5 * h * state[i + N_LAW_MEMORY]
-        law_rates(coef, active, state, instant_now(p, env, state, t, rho))
-        for i in range(LAW_MEMORY, LAW_MEMORY + N_LAW_MEMORY):
-            state[i] = state[i + 2 * N_LAW_MEMORY] + 0.5 * h * state[i + N_LAW_MEMORY]
+    if remembers(active) or further[Further.law_rates] != 0:
+        n = law_states(state)
+        for i in range(LAW_MEMORY, LAW_MEMORY + n):
+            state[i] += 0.5 * h * state[i + n]
+        write_rates(coef, active, further, state, instant_now(p, env, state, t, rho))
+        for i in range(LAW_MEMORY, LAW_MEMORY + n):
+            state[i] = state[i + 2 * n] + 0.5 * h * state[i + n]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def plant_step(
-    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float
+    p: Any,
+    coef: Any,
+    active: Any,
+    further: Any,
+    env: Any,
+    state: Any,
+    t: float,
+    vx: float,
+    vy: float,
+    vm: float,
 ) -> None:
     """Advance `state` in place by one sample period under held voltages (classical Runge-Kutta, fourth order)."""
     h = p.sample_period
     T_coil = state[State.coil_temperature]
     T_air = p.air_temperature
     rho = state[State.air_pressure] / (p.gas_constant * T_air)
-    advance_memory(p, coef, active, env, state, t, rho, h)
+    advance_memory(p, coef, active, further, env, state, t, rho, h)
     # The coils' torque follows their voltage with a lag. The parabola that has the same mean and slope as its
     # exponential over the sample is what the step integrates exactly, however short the lag.
     lag = lag_of_coils(state)
@@ -260,7 +293,7 @@ def plant_step(
         ex = vx1 if stage == 0 else (vx3 if stage == 3 else vx2)
         ey = vy1 if stage == 0 else (vy3 if stage == 3 else vy2)
         ax, ay, aw = plant_rates(
-            p, coef, active, env, t + c, rho, state, ex, ey, vm, xs, ys, uxs, uys, as_, ws
+            p, coef, active, further, env, t + c, rho, state, ex, ey, vm, xs, ys, uxs, uys, as_, ws
         )
         if stage == 0:
             kx = ax
@@ -297,7 +330,7 @@ def plant_step(
     state[State.spin_angle] = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
     state[State.spin_rate] = w + s * dw
     state[State.table_rate] = after
-    complete_memory(p, coef, active, env, state, t + h, rho, h)
+    complete_memory(p, coef, active, further, env, state, t + h, rho, h)
     # coils: electrical heating, loss to the air; the heater brings them to its temperature within about a second
     power = (vx * vx + vy * vy) / p.coil_resistance - (T_coil - T_air) / p.coil_thermal_resistance
     if env[Surroundings.heater] > 0.0:
@@ -329,7 +362,8 @@ def angle_at(q: Any, state: Any, age: float) -> Any:
 
 @njit(cache=True, error_model="numpy")
 def tilt_at(
-    p: Any, q: Any, coef: Any, active: Any, env: Any, state: Any, t: float, rho: float, current: float, age: float,
+    p: Any, q: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, t: float, rho: float, current: float,
+    age: float,
 ) -> Any:  # fmt: skip
     """Return the output of the tilt sensors for an instant within the memory of the instruments."""
     h = p.sample_period
@@ -341,13 +375,13 @@ def tilt_at(
         p, env, state, t - age * h, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current,
         state[State.coil_x], state[State.coil_y],
     )  # fmt: skip
-    error = reading_errors(evaluate_samples(coef, active, state, at))
+    error = reading_errors(samples_at(coef, active, further, state, at))
     return sensed_tilt(q, zx, zy, error.tilt_x, error.tilt_y)
 
 
 @njit(cache=True, error_model="numpy")
 def read_through_chain(
-    p: Any, q: Any, m: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, t: float, rho: float,
+    p: Any, q: Any, m: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, held: Any, t: float, rho: float,
     vx: float, vy: float, vm: float, current: float,
 ) -> Any:  # fmt: skip
     """Return tilts, angle, voltages and current after delays and filters.
@@ -370,7 +404,7 @@ def read_through_chain(
     time = q.tilt_filter_time
     if time > SHORTEST_FILTER:
         if first:
-            tilt_x, tilt_y = tilt_at(p, q, coef, active, env, state, t, rho, current, age + 1.0)
+            tilt_x, tilt_y = tilt_at(p, q, coef, active, further, env, state, t, rho, current, age + 1.0)
             filter_started(state, MEMORY_START, Chain.tilt_x, tilt_x)
             filter_started(state, MEMORY_START, Chain.tilt_y, tilt_y)
         step = h / SUB_STEPS
@@ -380,11 +414,11 @@ def read_through_chain(
         tilt_x = tilt_y = 0.0
         for i in range(SUB_STEPS):
             now = age + 1.0 - (i + 1) / SUB_STEPS
-            tilt_x, tilt_y = tilt_at(p, q, coef, active, env, state, t, rho, current, now)
+            tilt_x, tilt_y = tilt_at(p, q, coef, active, further, env, state, t, rho, current, now)
             tilt_x = filtered(state, MEMORY_START, Chain.tilt_x, order, left, mean, tilt_x)
             tilt_y = filtered(state, MEMORY_START, Chain.tilt_y, order, left, mean, tilt_y)
     else:
-        tilt_x, tilt_y = tilt_at(p, q, coef, active, env, state, t, rho, current, age)
+        tilt_x, tilt_y = tilt_at(p, q, coef, active, further, env, state, t, rho, current, age)
     angle, _ = angle_at(q, state, q.spin_angle_delay / h)
     vx = read_held(
         state, MEMORY_START, h, first, Past.coil_voltage_x, Chain.coil_voltage_x,
@@ -407,7 +441,8 @@ def read_through_chain(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def plant_measure(
-    p: Any, coef: Any, active: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float, held: Any,
+    p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float,
+    held: Any,
     noise: Any, out: Any,
 ) -> None:  # fmt: skip
     """Write one sample of every reading into `out`, advancing in `state` what changes once a sample.
@@ -415,7 +450,7 @@ def plant_measure(
     (vx, vy, vm) are the voltages of the interval that ends at the sample, `held` those of the next one.
     """
     advance_drifts(p, state, DRIFT_START, noise)
-    begin_memory(p, coef, active, env, state, t)
+    begin_memory(p, coef, active, further, env, state, t)
     angle, Omega, T_coil = state[State.spin_angle], state[State.spin_rate], state[State.coil_temperature]
     zx, zy, zx_rate, zy_rate = tilt_of(
         state[State.n_x], state[State.n_y], state[State.n_x_rate], state[State.n_y_rate]
@@ -427,20 +462,20 @@ def plant_measure(
         p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0,
         state[State.motor_current], state[State.coil_x], state[State.coil_y],
     )  # fmt: skip
-    m = changed(p, evaluate_laws(coef, active, state, at), state)
+    m = changed(p, laws_at(coef, active, further, state, at), state)
     current = (vm - m.motor_constant * Omega) / m.motor_resistance
     at = instant_of(
         p, env, state, t, rho, zx, zy, zx_rate, zy_rate, angle, Omega, 0.0, 0.0, 0.0, 0.0, current,
         state[State.coil_x], state[State.coil_y],
     )  # fmt: skip
-    laws = evaluate_samples(coef, active, state, at)
+    laws = samples_at(coef, active, further, state, at)
     hold_samples(state, laws)
     state[State.motor_current] = current
     error = reading_errors(laws)
     q = changed_at_sample(p, state)
     if has_chain(q):
         tilt_x, tilt_y, angle, vx, vy, vm, current = read_through_chain(
-            p, q, m, coef, active, env, state, held, t, rho, vx, vy, vm, current
+            p, q, m, coef, active, further, env, state, held, t, rho, vx, vy, vm, current
         )
     else:
         tilt_x, tilt_y = sensed_tilt(q, zx, zy, error.tilt_x, error.tilt_y)
@@ -452,7 +487,8 @@ def plant_measure(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def plant_advance(
-    p: Any, coef: Any, active: Any, env: Any, state: Any, held: Any, t: float, vx: float, vy: float, vm: float,
+    p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, held: Any, t: float, vx: float, vy: float,
+    vm: float,
     noise: Any, out: Any,
 ) -> None:  # fmt: skip
     """Advance by one sample: the command waiting in `held` acts, (vx, vy, vm) waits for the next, `out` is read.
@@ -464,8 +500,8 @@ def plant_advance(
     # the supply may have fallen since the command was taken
     top = max(changed_at_sample(p, state).supply_voltage, 0.0)
     am = saturated(am, top)
-    plant_step(p, coef, active, env, state, t, ax, ay, am)
+    plant_step(p, coef, active, further, env, state, t, ax, ay, am)
     held[0] = saturated(vx, p.coil_voltage_limit)
     held[1] = saturated(vy, p.coil_voltage_limit)
     held[2] = saturated(vm, p.supply_voltage)
-    plant_measure(p, coef, active, env, state, t + p.sample_period, ax, ay, am, held, noise, out)
+    plant_measure(p, coef, active, further, env, state, t + p.sample_period, ax, ay, am, held, noise, out)

@@ -25,6 +25,7 @@ from gyrowheel_sim.plant.compiled import (
     State,
     Surroundings,
     compiled_plant,
+    further_addresses,
     plant_parameters,
 )
 from gyrowheel_sim.plant.scenario import UNREGISTERED, Scenario
@@ -68,17 +69,24 @@ _NOISE_BLOCK = 2000
 _TRUTH = tuple(State)[: State.air_pressure + 1]
 
 
-@functools.cache
-def simulated_effects(declared: tuple[Effect, ...] = ()) -> tuple[Effect, ...]:
-    """Return all effects of the plant: registered ones, those for blind tests, and declared ones."""
+def compiled_effects(declared: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+    """Return the effects that are compiled in the plant: registered ones, and those for blind tests.
+
+    One for blind tests is not among them if a declared one has its name.
+    """
     names = {effect.name for effect in declared}
-    return (*registry().values(), *(effect for effect in UNREGISTERED if effect.name not in names), *declared)
+    return (*registry().values(), *(effect for effect in UNREGISTERED if effect.name not in names))
+
+
+def simulated_effects(declared: Sequence[Effect] = ()) -> tuple[Effect, ...]:
+    """Return all effects of the plant: the compiled ones, and declared ones, which join by their addresses."""
+    return (*compiled_effects(declared), *declared)
 
 
 @functools.cache
-def plant_code(declared: tuple[Effect, ...] = ()) -> ModuleType:
-    """Return the compiled plant with the laws of every effect that it can have."""
-    return compiled_plant(simulated_effects(declared))
+def plant_code(effects: tuple[Effect, ...]) -> ModuleType:
+    """Return the compiled plant with the laws of these effects."""
+    return compiled_plant(effects)
 
 
 class Machine:
@@ -93,7 +101,8 @@ class Machine:
     initial_spin_rate : float
         Spin rate at the start [rad/s].
     effects : sequence of Effect, optional
-        Effects compiled in; all registered ones and those that the scenario declares if not given.
+        Effects that are compiled in the plant, all that it has; `compiled_effects` if not given, and those that the
+        scenario declares join.
     """
 
     def __init__(
@@ -112,12 +121,16 @@ class Machine:
                 f"allowed: 0 .. {1.2 * bench.value('spin_rate_maximum'):.0f} rad/s"
             )
         true = bench.with_values(scenario.values, where="scenario.values")
-        library = simulated_effects(tuple(scenario.declared.values())) if effects is None else tuple(effects)
+        declared = tuple(scenario.declared.values())
+        #: Effects that are compiled in the plant.
+        self.compiled = compiled_effects(declared) if effects is None else tuple(effects)
+        library = (*self.compiled, *(declared if effects is None else ()))
         _check_delays(true, scenario.effects)
         self.parameters = plant_parameters(true)
         self.coefficients, self.active = coefficient_arrays(
             library, _checked(scenario.effects, library), bench
         )
+        self.further = further_addresses(library, len(self.compiled), self.active)
         self.state = np.zeros(N_STATE + memory_size(library))
         for place in State:
             start = place.initial
@@ -175,8 +188,8 @@ class Plant:
     """
 
     def __init__(self, bench: Bench, scenario: Scenario, *, initial_spin_rate: float) -> None:
-        self._code = plant_code(tuple(scenario.declared.values()))
         self.machine = Machine(bench, scenario, initial_spin_rate=initial_spin_rate)
+        self._code = plant_code(self.machine.compiled)
         self._period_ns = round(bench.sample_period * 1e9)
         self._period = bench.sample_period
         self.sequence = 0
@@ -202,7 +215,8 @@ class Plant:
         self._stamp_ns = int(m.clock.stamps(1)[0])
         self._apply_events()
         self._code.plant_measure(
-            m.parameters, m.coefficients, m.active, m.environment, m.state, 0.0, *m.held, m.held, self._next_noise(),
+            m.parameters, m.coefficients, m.active, m.further, m.environment, m.state, 0.0, *m.held, m.held,
+            self._next_noise(),
             self._out,
         )  # fmt: skip
         return self._out
@@ -222,7 +236,7 @@ class Plant:
             )
         m = self.machine
         self._code.plant_advance(
-            m.parameters, m.coefficients, m.active, m.environment, m.state, m.held,
+            m.parameters, m.coefficients, m.active, m.further, m.environment, m.state, m.held,
             self.sequence * self._period, coil_voltage_x, coil_voltage_y, motor_voltage, self._next_noise(), self._out,
         )  # fmt: skip
         self.sequence += 1
