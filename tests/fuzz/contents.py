@@ -10,6 +10,7 @@ import shutil
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from gyrowheel_recording.bags import Recording, RecordingWriter
 from gyrowheel_sim.environment import to_json
 
 from .harness import Case, begin_again
-from .recordings import machine_recording
+from .recordings import drawn, machine_recordings
 
 Rows = np.ndarray[Any, Any]
 _LAYOUTS = {
@@ -181,7 +182,7 @@ def _written(whole: Recording, lines: list[str], folder: Path) -> Path:
 
 def contents(rng: random.Random, folder: Path) -> Iterator[Case]:
     """Change what a recording of a machine holds, and ask a verb of it."""
-    whole = machine_recording(folder / "whole")
+    wholes = machine_recordings(folder / "whole")
     model = gw.Model("gyrowheel")
     verbs: dict[str, Callable[[gw.Recording], Any]] = {
         "compare": lambda own: gw.compare(own, model).to_dict(),
@@ -193,7 +194,7 @@ def contents(rng: random.Random, folder: Path) -> Iterator[Case]:
         "info": lambda own: asdict(own.info),
     }
 
-    def use(data: bytes) -> str:
+    def use(data: bytes, whole: Recording) -> str:
         verb, *lines = data.decode("utf-8", "replace").split("\n")
         if verb not in verbs:  # a part of an input, tried in its place
             return "nothing asked"
@@ -213,4 +214,4 @@ def contents(rng: random.Random, folder: Path) -> Iterator[Case]:
         lines = [_line(rng) for _ in range(rng.choice((1, 1, 1, 2, 3)))]
         if rng.random() < 0.3:
             lines.append("by stamps")
-        yield Case(verb, "\n".join([verb, *lines]).encode(), use)
+        yield Case(verb, "\n".join([verb, *lines]).encode(), partial(use, whole=drawn(wholes, rng)))

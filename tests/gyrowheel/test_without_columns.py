@@ -32,7 +32,7 @@ MOTOR = ("motor_voltage", "motor_current")
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> gw.Recording:
-    return gw.Recording.open(machine_recording(tmp_path_factory.mktemp("runs") / "run").path)
+    return gw.Recording.open(machine_recording(tmp_path_factory.mktemp("runs") / "run", lacking=True).path)
 
 
 def changed(run: gw.Recording, **values: Any) -> gw.Recording:
