@@ -276,6 +276,56 @@ def test_a_motor_constant_that_depends_on_the_speed_is_no_drag(tmp_path: Path) -
     assert found.error.validation_after.chi2_per_n < 1.2
 
 
+@pytest.mark.parametrize(
+    ("law", "name", "expected"),
+    [
+        pytest.param(
+            "torque = a*z/(1 - (r/p)^2 + i*0.12*r/p); a = 0.0008 [N*m]; p = 0.8 +- 0.001 [1]",
+            "resonance",
+            {"p": 0.8, "w": 0.06},
+            id="mount",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "torque = -s*V_coil*abs(V_coil)^2; s = 2e-5 [N*m/V^3]",
+            "coil_saturation",
+            {"a": -2e-5 / 0.02},
+            id="saturation",
+            marks=pytest.mark.study,
+        ),
+        pytest.param(
+            "torque = -f*(tanh(re(V_coil)/v) + i*tanh(im(V_coil)/v)); f = 0.0003 [N*m]; v = 0.2 +- 0.001 [V]",
+            "coil_crossover",
+            {"a": -3e-4},
+            id="crossover",
+            marks=pytest.mark.study,
+        ),
+        pytest.param(
+            "torque = -s*(re(V_coil)^3 + i*im(V_coil)^3); s = 2e-5 [N*m/V^3]",
+            "coil_cube",
+            {"a": -2e-5},
+            id="saturation-of-each-pair",
+            marks=pytest.mark.study,
+        ),
+    ],
+)
+def test_resonances_and_coils_that_bend_are_formulas(
+    law: str, name: str, expected: dict[str, float], tmp_path: Path
+) -> None:
+    fit, check = hidden_law(law, "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert not found.effects
+    assert not found.events
+    (form,) = found.free_form
+    assert form.name == name
+    for key, value in expected.items():
+        own = form.coefficients[key]
+        # the machine's torque per volt is known to some percent, and the slope of another function differs
+        assert abs(own.value - value) < max(4.0 * own.standard_error, 0.2 * abs(value))
+    assert found.proof is not None
+    assert found.proof.proven
+
+
 @pytest.mark.study
 def test_a_dynamic_imbalance_is_the_runout_that_looks_the_same(tmp_path: Path) -> None:
     """The rotor turns about its principal axis where its own stiffness, (C - A) Omega^2, balances the torque."""

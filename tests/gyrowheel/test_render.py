@@ -418,6 +418,10 @@ def test_a_known_effect_next_to_an_unknown_one_is_named():
     assert verdict_sentence(both).startswith(
         "Besides drag of the air on the spin (windage), something is missing that no known effect explains"
     )
+    failed = replace(both, proof=Proof("check", False, "misfit"))
+    assert verdict_sentence(failed).startswith(
+        "Besides what looks like drag of the air on the spin (windage), "
+    )
 
 
 def test_wrong_values_of_a_model_are_distinguished_from_missing_effects():

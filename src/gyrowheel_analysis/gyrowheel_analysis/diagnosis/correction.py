@@ -138,13 +138,14 @@ def proof_of(found: Corrected, events: Sequence[Event]) -> Proof:
 def _with_map(unknowns: Unknowns, given: CorrectionMap) -> Unknowns:
     """Return unknowns of a model that has a map, its coefficients fixed."""
     name = given.effect.name
-    return Unknowns(
+    result = Unknowns(
         unknowns.bench,
         {**unknowns.known, name: dict(given.values)},
         unknowns.known_errors,
         {**unknowns.declared, name: given.effect},
         unknowns.assumed,
     )
+    return result.with_memory() if unknowns.memory else result
 
 
 def _free_name(taken: Container[str]) -> str:

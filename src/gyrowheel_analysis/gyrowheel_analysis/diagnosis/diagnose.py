@@ -260,11 +260,17 @@ def _verdict(
     lack: float,
     proof: Proof,
 ) -> Verdict:
-    """Return the verdict. Impossible values, or an unexplained part of the recordings, are no explanation."""
+    """Return the verdict.
+
+    Impossible values, an unexplained part of the recordings, or effects that improve no prediction where they should,
+    are no explanation.
+    """
     unexplained = lack > CHI2_RANGE
     if proposal is not None or any(b.kind == "impossible" for b in far):
         return "unknown"
     if findings:
+        if proof.proven is False and proof.reason == "no_gain":
+            return "unknown"
         return _verdict_of(findings, far, unexplained=unexplained)
     missed = proof.proven is False and (
         proof.chi2_per_n > proof.allowed or proof.reason in ("channel", "dependence")

@@ -1,10 +1,11 @@
 """Free forms: formulas for an effect that no declaration describes.
 
-The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps at one
-speed, dead zones in the tilt, torques that decay with time, and gains of coils, motor and tilt sensors that depend on
-the speed; where laws with a memory are candidates also torques that lag behind the tilt, the speed or the temperature
-of the coils, or that the motion of the tilt pulls along. It answers two questions: whether there is an effect that the
-registered ones do not describe, and which formula describes it.
+The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps and
+resonances at one speed, dead zones in the tilt, torques that decay with time, gains of coils, motor and tilt sensors
+that depend on the speed, and coils whose torque is not in proportion to their voltage; where laws with a memory are
+candidates also torques that lag behind the tilt, the speed or the temperature of the coils, or that the motion of the
+tilt pulls along. It answers two questions: whether there is an effect that the registered ones do not describe, and
+which formula describes it.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, LawState
-from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, z, z_rate, z_ref
+from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, V_coil, z, z_rate, z_ref
 from gyrowheel_sim.effects.registry import for_bench
 
 Array = NDArray[np.float64]
@@ -84,9 +85,10 @@ class Proposal:
 
 #: Usual sizes of a free form: on rotor and shaft, in proportion to the tilt rate, to a temperature, and of a gain.
 _SIZES = {
-    "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05)
+    "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05),
+    "coils": (5.0e-5, 1.0e-3), "volts": (2.0e-4, 5.0e-3), "cube": (2.0e-6, 5.0e-5),
 }  # fmt: skip
-_UNITS = {"warming": "N*m/K", "gain": "1"}
+_UNITS = {"warming": "N*m/K", "gain": "1", "volts": "1/V^2", "cube": "N*m/V^3"}
 _SIZE = (5.0e-5, 1.0e-3)
 
 
@@ -141,6 +143,8 @@ _OF_SPEED, _OF_TILT = ("spin_rate_reference", "rad/s"), ("tilt_reference", "rad"
 #: Coefficients that are shares of a reference: edges, centres and widths, by the kind of the form.
 _PLACES = {
     "tilt_bump": {"p": _OF_SPEED, "w": _OF_SPEED},
+    "resonance": {"p": _OF_SPEED},
+    "mirrored_resonance": {"p": _OF_SPEED},
     "spin_bump": {"p": _OF_SPEED, "w": _OF_SPEED},
     "dead_zone": {"p": _OF_TILT},
     "pulled": {"p": _OF_TILT},
@@ -151,6 +155,13 @@ def _time(description: str, value: float) -> Coefficient:
     usual = (0.5 * value, 2.0 * value)
     return Coefficient(
         "s", "s", description, usual, (1.0, 1.0e4), "fitted", shape=value, shape_uncertainty=0.5 * value
+    )
+
+
+def _volts(name: str, description: str, value: float) -> Coefficient:
+    usual = (0.5 * value, 2.0 * value)
+    return Coefficient(
+        name, "V", description, usual, (1.0e-3, 2.0), "fitted", shape=value, shape_uncertainty=0.5 * value
     )
 
 
@@ -181,6 +192,17 @@ def forms() -> tuple[Term, ...]:
         result.append(_form(f"tilt_bump_{centre:g}", text, "rotor_torque", bump * _u, *shapes))
         text = "torque on the spin near one speed"
         result.append(_form(f"spin_bump_{centre:g}", text, "shaft_torque", bump, *shapes))
+        answer = 1 / (1 - (_r / _p) ** 2 + 2 * sp.I * _w * _r / _p)
+        shapes = (
+            _shape("p", centre, 0.05, "speed of the resonance over the reference speed"),
+            _shape("w", 0.05, 0.03, "damping of the resonance over the critical one", (0.005, 0.5)),
+        )
+        text = "torque of a part that resonates near one speed, in proportion to the tilt"
+        result.append(_form(f"resonance_{centre:g}", text, "rotor_torque", answer * _u, *shapes))
+        # one that resonates about one axis only answers to the mirrored tilt as well
+        text = "torque of a part that resonates near one speed, in proportion to the mirrored tilt"
+        mirrored = answer * sp.conjugate(_u)
+        result.append(_form(f"mirrored_resonance_{centre:g}", text, "rotor_torque", mirrored, *shapes))
     for edge in (0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65):
         zone = sp.Max(_size - _p, 0) * _u / (_size + sp.Float(1e-9))
         begins = _shape("p", edge, 0.04, "tilt where it begins over the reference tilt")
@@ -215,6 +237,18 @@ def forms() -> tuple[Term, ...]:
         result.append(
             _form(f"{name}_1", f"{text}, speed^q", target, law, _exponent("q", 1, of_speed), sized="gain")
         )
+    each = [f(V_coil) for f in (sp.re, sp.im)]
+    for width in (0.03, 0.3):
+        bends = _volts("w", "voltage within which it changes its sign", width)
+        turned = [v / sp.sqrt(v**2 + _w**2) for v in each]
+        text = "torque of each coil pair by the sign of its voltage"
+        law = turned[0] + sp.I * turned[1]
+        result.append(_form(f"coil_crossover_{width:g}", text, "rotor_torque", law, bends, sized="coils"))
+    text = "change of the torque per volt of the coils with the square of their voltage"
+    result.append(_form("coil_saturation", text, "coil_gain", V_coil * sp.conjugate(V_coil), sized="volts"))
+    text = "torque of each coil pair in proportion to the cube of its voltage"
+    law = each[0] ** 3 + sp.I * each[1] ** 3
+    result.append(_form("coil_cube", text, "rotor_torque", law, sized="cube"))
     for time in (15.0, 40.0, 120.0):
         fades = _time("time in which it fades", time)
         fading = sp.exp(-_t / _s)

@@ -47,6 +47,8 @@ class Prediction:
         """Return the same prediction for unknowns that have the same nuisances, with separate states."""
         result = copy(self)
         result.unknowns, result._states, result._stated_columns = unknowns, OrderedDict(), {}
+        if unknowns.candidates() != self.unknowns.candidates():
+            result.__dict__.pop("candidate_columns", None)
         return result
 
     def with_memory(self) -> Prediction:

@@ -31,7 +31,7 @@ _RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
 def map_sentences(found: CorrectionMap) -> list[str]:
     """Return what a map is, what it does, and where it holds."""
     places = listed([PLACES[target] for target in found.targets], "and")
-    with_it = f", next to {listed(list(found.effects), 'and')}," if found.effects else ""
+    with_it = f", next to {listed(list(found.effects), 'and')}" if found.effects else ""
     said = [
         f"No short law describes what is missing, but a map does{with_it}: the {places} as a smooth function."
     ]

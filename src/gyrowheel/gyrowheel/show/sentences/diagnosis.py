@@ -41,8 +41,9 @@ def form_sentence(form: FreeForm) -> str:
     text = _EXPONENT.sub(exponent, form.description)
     at = {name: place_text(form, name) for name in form.places}
     text = text.replace("beyond an edge", f"beyond {at.get('p', 'an edge')}")
-    if "w" in at:
-        text = text.replace("near one speed", f"near {at['p']}, within {at['w']} to either side")
+    if "p" in at:
+        within = f", within {at['w']} to either side" if "w" in at else ""
+        text = text.replace("near one speed", f"near {at['p']}{within}")
     if "s" in found:
         text += f" (time constant {with_error(found['s'].value, found['s'].standard_error, 's')})"
     return text
@@ -187,7 +188,9 @@ def _unknown(found: Diagnosis) -> str:
     if any(b.kind == "impossible" for b in found.beyond) or (named_only and found.beyond):
         return "That is no explanation: something is missing that no known effect explains."
     known = listed([named(f) for f in found.effects], "and") if found.effects else ""
-    what = f"Besides {known}, something" if known else "Something"
+    # what describes a part of something else looks like an effect
+    like = "what looks like " if found.proof is not None and found.proof.proven is False else ""
+    what = f"Besides {like}{known}, something" if known else "Something"
     formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
     mapped = "; a map of the missing torque describes it" if found.map is not None else ""
     return f"{what} is missing that no known effect explains{formula.rstrip('.')}{mapped}."
