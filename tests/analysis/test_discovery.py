@@ -307,9 +307,30 @@ def test_a_motor_constant_that_depends_on_the_speed_is_no_drag(tmp_path: Path) -
             id="saturation-of-each-pair",
             marks=pytest.mark.study,
         ),
+        pytest.param(
+            "torque = a*(T_motor - T_ref)*exp(i*0.7); a = 5e-5 [N*m/K]",
+            "fixed_by_motor",
+            {"a": 5e-5 * math.cos(0.7), "b": 5e-5 * math.sin(0.7)},
+            id="warm-motor",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "torque = a*i*V_coil*r; a = 4e-4 [N*m/V]",
+            "coil_turn",
+            {"b": 4e-4, "q": 1.0},
+            id="turned-coils",
+            marks=pytest.mark.study,
+        ),
+        pytest.param(
+            "shaft_torque = -a*abs(V_coil)^2; a = 2e-5 [N*m/V^2]",
+            "coil_brake",
+            {"a": -2e-5},
+            id="brake",
+            marks=pytest.mark.study,
+        ),
     ],
 )
-def test_resonances_and_coils_that_bend_are_formulas(
+def test_resonances_coils_that_bend_and_temperatures_are_formulas(
     law: str, name: str, expected: dict[str, float], tmp_path: Path
 ) -> None:
     fit, check = hidden_law(law, "survey", tmp_path)

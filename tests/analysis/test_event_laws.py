@@ -29,6 +29,8 @@ def plan_of_windows() -> Any:
         mean_tilt=np.tile([0.0, 3.0, -3.0, 2.0j], 3) * DEG,
         # a cone in the last but one window; held tilts have noise alone
         mean_tilt_rate=np.r_[np.full(10, 0.1), 40.0j, 0.1] * DEG,
+        coil_temperature=np.linspace(293.0, 303.0, 12),
+        motor_temperatures=np.full((12, 2), 293.0),
     )
 
 
@@ -40,7 +42,7 @@ class WindowsOfPlan(SimpleNamespace):
 def test_courses_follow_the_motion_and_are_at_most_one() -> None:
     found = list(courses(plan_of_windows()))
     assert {variable for variable, _ in found} == {
-        "offset", "speed", "tilt", "direction", "rate", "time", "history"
+        "offset", "speed", "tilt", "direction", "rate", "temperature", "time", "history"
     }  # fmt: skip
     assert all(np.abs(course).max() == pytest.approx(1.0) for _, course in found)
     # a narrow resonance at the second speed is there, whatever its width

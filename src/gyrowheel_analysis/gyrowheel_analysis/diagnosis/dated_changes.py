@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.fitting.events import Kind
 
 #: On what a quantity depends; `history` is that of speed and tilt, `offset` nothing: it is constant.
-Variable = Literal["offset", "speed", "tilt", "direction", "rate", "time", "history"]
+Variable = Literal["offset", "speed", "tilt", "direction", "rate", "temperature", "time", "history"]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Laws that look like events: smooth functions of speed, tilt, direction and time, and of their past.
+"""Laws that look like events: smooth functions of speed, tilt, direction, temperatures and time, and of their past.
 
 A law that a model lacks acts in steps, as plans command speeds and tilts in steps. An event is believed where it makes
 a recording likelier than every such function in its place.
@@ -142,6 +142,8 @@ def _values(windows: Windows) -> Iterator[tuple[Variable, NDArray[np.float64]]]:
     # a rotor that is moved needs a torque in proportion to rate and speed
     for size in (rate, rate * spin) if len(groups) > 1 else (rate,):
         yield from (("rate", size**power) for power in (1, 2, 3))
+    for warmth in (w.coil_temperature, *w.motor_temperatures.T):
+        yield "temperature", warmth - float(warmth.min(initial=np.inf))
     since = w.middle - float(w.start.min(initial=0.0))
     yield "time", since
     yield from (("time", np.exp(-since / (part * float(since.max(initial=1.0))))) for part in _FADING)

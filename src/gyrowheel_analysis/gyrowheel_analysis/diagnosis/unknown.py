@@ -2,10 +2,10 @@
 
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps and
 resonances at one speed, dead zones in the tilt, torques that decay with time, gains of coils, motor and tilt sensors
-that depend on the speed, and coils whose torque is not in proportion to their voltage; where laws with a memory are
-candidates also torques that lag behind the tilt, the speed or the temperature of the coils, or that the motion of the
-tilt pulls along. It answers two questions: whether there is an effect that the registered ones do not describe, and
-which formula describes it.
+that depend on the speed, torques in proportion to a temperature, and coils whose torque is not in proportion to their
+voltage, turns with the speed, or brakes the spin; where laws with a memory are candidates also torques that lag behind
+the tilt, the speed or the temperature of the coils, or that the motion of the tilt pulls along. It answers two
+questions: whether there is an effect that the registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,18 @@ from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, LawState
-from gyrowheel_sim.effects.quantities import QUANTITIES, Omega, Omega_ref, V_coil, z, z_rate, z_ref
+from gyrowheel_sim.effects.quantities import (
+    QUANTITIES,
+    Omega,
+    Omega_ref,
+    T_coil,
+    T_motor,
+    T_ref,
+    V_coil,
+    z,
+    z_rate,
+    z_ref,
+)
 from gyrowheel_sim.effects.registry import for_bench
 
 Array = NDArray[np.float64]
@@ -87,8 +98,12 @@ class Proposal:
 _SIZES = {
     "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05),
     "coils": (5.0e-5, 1.0e-3), "volts": (2.0e-4, 5.0e-3), "cube": (2.0e-6, 5.0e-5),
+    "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5),
 }  # fmt: skip
-_UNITS = {"warming": "N*m/K", "gain": "1", "volts": "1/V^2", "cube": "N*m/V^3"}
+_UNITS = {
+    "warming": "N*m/K", "gain": "1", "volts": "1/V^2", "cube": "N*m/V^3",
+    "per_volt": "N*m/V", "square": "N*m/V^2",
+}  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
 
 
@@ -237,6 +252,21 @@ def forms() -> tuple[Term, ...]:
         result.append(
             _form(f"{name}_1", f"{text}, speed^q", target, law, _exponent("q", 1, of_speed), sized="gain")
         )
+    for name, warmth in (("coils", T_coil - T_ref), ("motor", T_motor - T_ref)):
+        where = f"in proportion to the temperature of the {name}"
+        for kind, text, target, shape in (
+            ("fixed", "torque in a direction that is fixed in the case,", "rotor_torque", sp.S.One),
+            ("tilt", "torque in proportion to the tilt and", "rotor_torque", _u),
+            ("spin", "torque on the spin", "shaft_torque", sp.S.One),
+        ):
+            law = warmth * shape
+            result.append(_form(f"{kind}_by_{name}", f"{text} {where}", target, law, sized="warming"))
+    law, power = V_coil * _r**_q, _exponent("q", 1, of_speed)
+    text = "torque of the coils along or across that of their voltage, speed^q"
+    result.append(_form("coil_turn_1", text, "rotor_torque", law, power, sized="per_volt"))
+    law, power = V_coil * sp.conjugate(V_coil) * _r**_q, _exponent("q", 0, of_speed)
+    text = "torque on the spin with the square of the coils' voltage, speed^q"
+    result.append(_form("coil_brake_0", text, "shaft_torque", law, power, sized="square"))
     each = [f(V_coil) for f in (sp.re, sp.im)]
     for width in (0.03, 0.3):
         bends = _volts("w", "voltage within which it changes its sign", width)

@@ -75,6 +75,7 @@ _MOTION = {
     "tilt": "tilt",
     "direction": "direction of the tilt",
     "rate": "rate of the tilt",
+    "temperature": "temperature of coils or motor",
     "time": "time since the start",
     "history": "earlier speeds and tilts",
 }
