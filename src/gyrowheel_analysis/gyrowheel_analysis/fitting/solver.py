@@ -73,9 +73,11 @@ class Objective:
         for (term, name), value in zip(self.columns, x[self.count :], strict=True):
             coefficients[term][name] = float(value)
         point = Point(self.terms, x[: self.count].copy(), coefficients)
-        predicted = self.prediction.rows(point)
-        white, pull = self.noise.whiten(self.measured - predicted), self.inverse * (x - self.centre)
-        rows = float(white @ white)
+        # a trial step may lead where the law of a coil needs an infinite voltage: its cost is infinite
+        with np.errstate(over="ignore", invalid="ignore"):
+            predicted = self.prediction.rows(point)
+            white, pull = self.noise.whiten(self.measured - predicted), self.inverse * (x - self.centre)
+            rows = float(white @ white)
         chi2 = rows + float(pull @ pull)
         return Evaluated(point, predicted, white, pull, rows, chi2 if np.isfinite(chi2) else np.inf)
 
