@@ -110,16 +110,8 @@ def steps(
     def go() -> NDArray[np.float64]:
         m = machine
         run(
-            constants,
-            m.coefficients,
-            m.active,
-            m.further,
-            m.environment,
-            start.copy(),
-            voltages,
-            substeps,
-            states,
-        )
+            constants, m.coefficients, m.active, m.further, m.environment, start.copy(), voltages, substeps, states,
+        )  # fmt: skip
         return states
 
     return go
@@ -157,14 +149,8 @@ def sampled_loop(tilt: float, spin_rate: float, seconds: float, substeps: int) -
     controller, setpoint = Controller(bench()), (tilt, 0.0, 0.0, 0.0, spin_rate, 0.0)
     reading, silence = np.zeros(11), machine.noise(1)[0]
     silence[:] = 0.0
-    constant = (
-        machine.coefficients,
-        machine.active,
-        machine.further,
-        machine.environment,
-        machine.state,
-        0.0,
-    )
+    m = machine
+    constant = (m.coefficients, m.active, m.further, m.environment, m.state, 0.0)
     voltages = np.empty((round(seconds / bench().sample_period), 3))
     for k in range(len(voltages)):
         voltages[k] = machine.held

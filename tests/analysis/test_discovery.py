@@ -312,7 +312,7 @@ def test_a_motor_constant_that_depends_on_the_speed_is_no_drag(tmp_path: Path) -
             "fixed_by_motor",
             {"a": 5e-5 * math.cos(0.7), "b": 5e-5 * math.sin(0.7)},
             id="warm-motor",
-            marks=pytest.mark.slow,
+            marks=pytest.mark.study,
         ),
         pytest.param(
             "torque = a*i*V_coil*r; a = 4e-4 [N*m/V]",

@@ -8,9 +8,11 @@ from gyrowheel_analysis.diagnosis.unknown import forms, memory_forms
 from gyrowheel_sim.effects import Effect, registry
 from gyrowheel_sim.plant.scenario import UNREGISTERED
 
+_FORMS = [t.effect for t in (*forms(), *memory_forms()) if t.effect is not None]
+#: Forms that differ only in the values with which a fit begins are one.
 EVERY: list[Effect] = [
     *registry().values(),
     *UNREGISTERED,
-    *(t.effect for t in (*forms(), *memory_forms()) if t.effect is not None),
+    *{effect.formula: effect for effect in _FORMS}.values(),
 ]
 EACH = pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from gyrowheel.show.formulas import plain, pretty
-from gyrowheel_analysis.diagnosis.unknown import forms, memory_forms
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.effects import Effect, effect_from_text, registry
+from gyrowheel_sim.effects import Effect, effect_from_text
 from gyrowheel_sim.effects.dimensions import Unit
 from gyrowheel_sim.effects.law_code import array_law
 from gyrowheel_sim.effects.quantities import QUANTITIES
 from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
-from gyrowheel_sim.plant.scenario import UNREGISTERED
 
-EVERY = [*registry().values(), *UNREGISTERED, *(t.effect for t in (*forms(), *memory_forms()) if t.effect)]
+from .every_effect import EACH
 
 
 def values(effect: Effect) -> dict[str, complex]:
@@ -30,7 +28,7 @@ def values(effect: Effect) -> dict[str, complex]:
     return result
 
 
-@pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)
+@EACH
 def test_one_line_declarations_are_read_back(effect: Effect) -> None:
     line = effect_to_line(effect)
     assert "\n" not in line
@@ -40,7 +38,7 @@ def test_one_line_declarations_are_read_back(effect: Effect) -> None:
     assert values(again) == pytest.approx(values(effect), rel=1e-12)
 
 
-@pytest.mark.parametrize("effect", EVERY, ids=lambda effect: effect.name)
+@EACH
 def test_displayed_formulas_can_be_typed(effect: Effect) -> None:
     """Laws as the terminal prints them; units follow, only shapes must have their values, and of states their units."""
     shapes = "".join(

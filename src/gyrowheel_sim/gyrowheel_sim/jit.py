@@ -115,10 +115,8 @@ def _call_laws(_: Any, address: Any, coef: Any, active: Any, state: Any, q: Any,
             pointers += [stored(numbers("q")), stored(before)]
             kind = target.get_function_pointer_type(types.ExternalFunctionPointer(_LAWS, int))
             target.call_function_pointer(builder, builder.inttoptr(values["address"], kind), pointers)
-            after, end = (
-                [builder.load(cgutils.gep(builder, pointers[-1], index)) for index in range(len(before))],
-                builder.block,
-            )
+            sums_after = [cgutils.gep(builder, pointers[-1], index) for index in range(len(before))]
+            after, end = [builder.load(place) for place in sums_after], builder.block
         results = []
         for old, new in zip(before, after, strict=True):
             result = builder.phi(double)
@@ -174,6 +172,7 @@ class _Entries:
     def __init__(self, function: Callable[..., Any]) -> None:
         self._of = (
             _source(function.__module__),
+            _source(__name__),  # `call_laws` is a part of the machine code
             function.__module__,  # an entry names it: the same source in another module is another entry
             function.__qualname__,
             numba.__version__,

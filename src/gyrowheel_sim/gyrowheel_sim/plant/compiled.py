@@ -69,7 +69,7 @@ class Surroundings(Column):
 class Further(Column):
     """Indices into the addresses of the functions of laws that are not compiled in the plant; 0 for no function."""
 
-    evaluate_laws = 0, "1", "laws at an instant "
+    evaluate_laws = 0, "1", "laws at an instant"
     evaluate_samples = 1, "1", "laws that are evaluated once a sample"
     law_rates = 2, "1", "rates of the states of effects"
     law_starts = 3, "1", "start values of the states"

@@ -231,17 +231,8 @@ def complete_memory(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def plant_step(
-    p: Any,
-    coef: Any,
-    active: Any,
-    further: Any,
-    env: Any,
-    state: Any,
-    t: float,
-    vx: float,
-    vy: float,
-    vm: float,
-) -> None:
+    p: Any, coef: Any, active: Any, further: Any, env: Any, state: Any, t: float, vx: float, vy: float, vm: float,
+) -> None:  # fmt: skip
     """Advance `state` in place by one sample period under held voltages (classical Runge-Kutta, fourth order)."""
     h = p.sample_period
     T_coil = state[State.coil_temperature]
