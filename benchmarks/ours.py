@@ -110,7 +110,7 @@ def steps(
     def go() -> NDArray[np.float64]:
         m = machine
         run(
-            constants, m.coefficients, m.active, m.further, m.environment, start.copy(), voltages, substeps, states,
+            constants, *m.laws, m.environment, start.copy(), voltages, substeps, states,
         )  # fmt: skip
         return states
 
@@ -150,7 +150,7 @@ def sampled_loop(tilt: float, spin_rate: float, seconds: float, substeps: int) -
     reading, silence = np.zeros(11), machine.noise(1)[0]
     silence[:] = 0.0
     m = machine
-    constant = (m.coefficients, m.active, m.further, m.environment, m.state, 0.0)
+    constant = (*m.laws, m.environment, m.state, 0.0)
     voltages = np.empty((round(seconds / bench().sample_period), 3))
     for k in range(len(voltages)):
         voltages[k] = machine.held

@@ -235,7 +235,7 @@ def test_a_declared_effect_joins_the_compiled_plant() -> None:
     scenario = Scenario(effects={"own": {"k": 1e-4}}, declared={"own": own})
     machine = Machine(BENCH, scenario, initial_spin_rate=300.0)
     assert machine.compiled == compiled_effects()
-    assert [place for place in Further if machine.further[place]] == [Further.evaluate_laws]
+    assert [place for place in Further if machine.laws[2][place]] == [Further.evaluate_laws]
 
 
 def test_a_declared_effect_may_have_the_name_of_one_for_blind_tests() -> None:

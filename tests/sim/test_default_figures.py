@@ -114,7 +114,7 @@ def nutation_by_equations() -> float:
                 state[column] = sign * step
                 total += sign * np.array(
                     code.plant_rates(
-                        machine.parameters, machine.coefficients, machine.active, machine.further,
+                        machine.parameters, *machine.laws,
                         machine.environment, 0.0, 1.2,
                         machine.state, 0.0, 0.0, 0.0, *state, angle, rate,
                     )[:2]
@@ -138,7 +138,7 @@ def test_nutation_frequency_in_simulation():
     for k in range(600):
         kick = 1.0 if k < 4 else 0.0
         code.plant_step(
-            machine.parameters, machine.coefficients, machine.active, machine.further, machine.environment,
+            machine.parameters, *machine.laws, machine.environment,
             machine.state, 0.0,
             kick, 0.0, motor,
         )  # fmt: skip
@@ -167,9 +167,7 @@ def test_one_step_per_sample_causes_no_false_torque():
         controller, setpoint = Controller(BENCH), (5.0 * DEG, 0.0, 0.0, 0.0, 3500.0 * RPM, 0.0)
         reading, silence, volts = np.zeros(11), np.zeros(15), np.zeros((samples, 3))
         constant = (
-            machine.coefficients,
-            machine.active,
-            machine.further,
+            *machine.laws,
             machine.environment,
             machine.state,
             0.0,

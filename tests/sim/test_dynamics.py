@@ -550,9 +550,7 @@ def free_motion() -> tuple[np.ndarray, PlantParameters]:
     def rates(t: float, state: np.ndarray) -> list[float]:
         acceleration = code.plant_rates(
             p,
-            machine.coefficients,
-            machine.active,
-            machine.further,
+            *machine.laws,
             machine.environment,
             t,
             1.2,
@@ -597,7 +595,7 @@ def test_steps_keep_energy_and_momentum():
         before = conserved(KICK[:, None], p)
         for _ in range(100 * divide):
             code.plant_step(
-                fine, machine.coefficients, machine.active, machine.further, machine.environment, machine.state, 0.0,
+                fine, *machine.laws, machine.environment, machine.state, 0.0,
                 0.0, 0.0, 0.0
             )  # fmt: skip
         after = conserved(machine.state[:6, None], p)
@@ -612,7 +610,7 @@ def test_flexure_forces_of_the_plant():
     machine, p = isolated()
     tilt = 0.01
     acceleration = loop_code().plant_rates(
-        p, machine.coefficients, machine.active, machine.further, machine.environment, 0.0, 1.2, machine.state, 0.0,
+        p, *machine.laws, machine.environment, 0.0, 1.2, machine.state, 0.0,
         0.0, 0.0,
         0.0, -np.sin(tilt), 0.0, 0.0, 0.0, 0.0,
     )  # fmt: skip
@@ -642,7 +640,7 @@ def test_an_asymmetric_rotor_beats_at_twice_the_spin_minus_the_nutation(differen
     z = np.empty(n, dtype=complex)
     for k in range(n):
         code.plant_step(
-            machine.parameters, machine.coefficients, machine.active, machine.further, machine.environment,
+            machine.parameters, *machine.laws, machine.environment,
             machine.state,
             k * BENCH.sample_period, 0.0, 0.0, 0.0,
         )  # fmt: skip

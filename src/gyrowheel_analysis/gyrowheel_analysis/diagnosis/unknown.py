@@ -46,6 +46,7 @@ from gyrowheel_sim.effects.quantities import (
     QUANTITIES,
     Omega,
     Omega_ref,
+    T_air,
     T_coil,
     T_motor,
     T_ref,
@@ -73,7 +74,7 @@ _IS_EXPONENT = "exponent of the "
 _TINY = sp.Float(1e-9)  # keeps powers of a vanishing tilt finite
 
 _a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
-_t, _T_coil, _T_air = (QUANTITIES[name].symbol for name in ("t", "T_coil", "T_air"))
+_t = QUANTITIES["t"].symbol
 _r = Omega / Omega_ref
 _u = z / z_ref
 _square = z * sp.conjugate(z) / z_ref**2
@@ -166,18 +167,15 @@ _PLACES = {
 }
 
 
+def _scale(name: str, unit: str, description: str, value: float, bounds: tuple[float, float]) -> Coefficient:
+    usual = (0.5 * value, 2.0 * value)
+    return Coefficient(
+        name, unit, description, usual, bounds, "fitted", shape=value, shape_uncertainty=0.5 * value
+    )
+
+
 def _time(description: str, value: float) -> Coefficient:
-    usual = (0.5 * value, 2.0 * value)
-    return Coefficient(
-        "s", "s", description, usual, (1.0, 1.0e4), "fitted", shape=value, shape_uncertainty=0.5 * value
-    )
-
-
-def _volts(name: str, description: str, value: float) -> Coefficient:
-    usual = (0.5 * value, 2.0 * value)
-    return Coefficient(
-        name, "V", description, usual, (1.0e-3, 2.0), "fitted", shape=value, shape_uncertainty=0.5 * value
-    )
+    return _scale("s", "s", description, value, (1.0, 1.0e4))
 
 
 @functools.cache
@@ -269,7 +267,7 @@ def forms() -> tuple[Term, ...]:
     result.append(_form("coil_brake_0", text, "shaft_torque", law, power, sized="square"))
     each = [f(V_coil) for f in (sp.re, sp.im)]
     for width in (0.03, 0.3):
-        bends = _volts("w", "voltage within which it changes its sign", width)
+        bends = _scale("w", "V", "voltage within which it changes its sign", width, (1.0e-3, 2.0))
         turned = [v / sp.sqrt(v**2 + _w**2) for v in each]
         text = "torque of each coil pair by the sign of its voltage"
         law = turned[0] + sp.I * turned[1]
@@ -303,7 +301,7 @@ def memory_forms() -> tuple[Term, ...]:
     for time in (15.0, 60.0):
         # what warms behind the coils has the temperature of the air at first
         lag = _time("time by which it warms behind the coils", time)
-        state = LawState("m", "K", (_T_coil - _T_air - late) / _s)
+        state = LawState("m", "K", (T_coil - T_air - late) / _s)
         for name, text, target, shape in (
             ("tilt_warming", "torque in proportion to the tilt and to a temperature", "rotor_torque", _u),
             ("spin_warming", "torque on the spin in proportion to a temperature", "shaft_torque", sp.S.One),

@@ -95,7 +95,7 @@ def simulate(
                 machine.set_environment(event)
         first = max(np.searchsorted(stamps, start * period_ns, side="right") - 1, 0)
         code.closed_loop(
-            machine.parameters, machine.coefficients, machine.active, machine.further, machine.environment,
+            machine.parameters, *machine.laws, machine.environment,
             machine.state,
             machine.held, constants, controller, values[first:], stamps[first:], start, machine.noise(stop - start),
             measurement[start:stop], command[start:stop],

@@ -9,14 +9,7 @@ import numpy as np
 
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.instruments.readings import N_NOISE, Reading
-from gyrowheel_sim.plant.compiled import (
-    DRIFT_START,
-    HELD_START,
-    Further,
-    PlantParameters,
-    State,
-    plant_source,
-)
+from gyrowheel_sim.plant.compiled import DRIFT_START, HELD_START, PlantParameters, State, plant_source
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario
 
@@ -109,6 +102,7 @@ def python_module(bench: Bench, scenario: Scenario) -> str:
     library = [effect for effect in every if effect.name in scenario.effects]
     spin = bench.value("spin_rate_reference")
     machine = Machine(bench, scenario, initial_spin_rate=spin, effects=library)
+    coefficients, active, further = machine.laws
     machine.state[State.spin_rate] = 0.0
     machine.state[DRIFT_START:HELD_START] = 0.0
     header = _HEADER.format(
@@ -117,9 +111,9 @@ def python_module(bench: Bench, scenario: Scenario) -> str:
     wheel = _WHEEL.format(
         fields=list(PlantParameters._fields),
         parameters=_numbers(machine.parameters),
-        coefficients=_numbers(machine.coefficients),
-        active=machine.active.tolist(),
-        further=len(Further),
+        coefficients=_numbers(coefficients),
+        active=active.tolist(),
+        further=len(further),
         environment=_numbers(machine.environment),
         state=_numbers(machine.state),
         units=json.dumps({place.name: place.unit for place in Reading}),

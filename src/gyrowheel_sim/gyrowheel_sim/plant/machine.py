@@ -124,13 +124,12 @@ class Machine:
         declared = tuple(scenario.declared.values())
         #: Effects that are compiled in the plant.
         self.compiled = compiled_effects(declared) if effects is None else tuple(effects)
-        library = (*self.compiled, *(declared if effects is None else ()))
+        library = (*self.compiled, *declared) if effects is None else self.compiled
         _check_delays(true, scenario.effects)
         self.parameters = plant_parameters(true)
-        self.coefficients, self.active = coefficient_arrays(
-            library, _checked(scenario.effects, library), bench
-        )
-        self.further = further_addresses(library, len(self.compiled), self.active)
+        coefficients, active = coefficient_arrays(library, _checked(scenario.effects, library), bench)
+        #: Coefficients and flags of the effects, and the addresses of those that join (`Further`).
+        self.laws = coefficients, active, further_addresses(library, len(self.compiled), active)
         self.state = np.zeros(N_STATE + memory_size(library))
         for place in State:
             start = place.initial
@@ -215,9 +214,7 @@ class Plant:
         self._stamp_ns = int(m.clock.stamps(1)[0])
         self._apply_events()
         self._code.plant_measure(
-            m.parameters, m.coefficients, m.active, m.further, m.environment, m.state, 0.0, *m.held, m.held,
-            self._next_noise(),
-            self._out,
+            m.parameters, *m.laws, m.environment, m.state, 0.0, *m.held, m.held, self._next_noise(), self._out,
         )  # fmt: skip
         return self._out
 
@@ -236,7 +233,7 @@ class Plant:
             )
         m = self.machine
         self._code.plant_advance(
-            m.parameters, m.coefficients, m.active, m.further, m.environment, m.state, m.held,
+            m.parameters, *m.laws, m.environment, m.state, m.held,
             self.sequence * self._period, coil_voltage_x, coil_voltage_y, motor_voltage, self._next_noise(), self._out,
         )  # fmt: skip
         self.sequence += 1
