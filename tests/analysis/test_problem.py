@@ -79,6 +79,16 @@ def test_evaluation_has_no_side_effects(recording: Recording) -> None:
     assert not np.array_equal(problem.predict(fit), problem.predict(replace(fit.point, terms=fit.terms[:1])))
 
 
+def test_other_unknowns_have_the_columns_of_their_own_candidates(recording: Recording) -> None:
+    """A map is tried next to laws with a memory, too, and its model may have none."""
+    problem = prepare([recording], Model(BENCH)).problem
+    remembering = problem.with_memory()
+    plain = problem.prediction.candidate_columns
+    assert remembering.prediction.candidate_columns.shape[1] > plain.shape[1]
+    again = remembering.for_unknowns(problem.unknowns).prediction.candidate_columns
+    np.testing.assert_array_equal(again, plain)
+
+
 def test_changing_the_noise_returns_another_problem(recording: Recording) -> None:
     prepared = prepare([recording], Model(BENCH), validate=[recording])
     problem = prepared.problem

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gyrowheel.campaigns import judge
+from gyrowheel.campaigns.case import run_case
 from gyrowheel.campaigns.cases import Campaign, Case, cases
 from gyrowheel.campaigns.hidden import Secret, Yardstick, hide, record, yardstick
 from gyrowheel.campaigns.page import campaign_page
@@ -31,6 +32,17 @@ CAMPAIGN = Campaign(DRAG_PLAN, OTHER_PLAN, seed=5, kinds=("none", "single", "eve
 @pytest.fixture(scope="module")
 def measure() -> Yardstick:
     return yardstick(CAMPAIGN.bench, CAMPAIGN.plan)
+
+
+@pytest.mark.study
+def test_a_law_with_a_state_is_named_no_effect_that_predicts_nothing() -> None:
+    """Windage described a part of a torque on the spin that lags, and no other recording."""
+    campaign = Campaign("survey", "check", seed=6001, kinds=("outside",), reality=True)
+    (case,) = cases(campaign, 24, only=[10])
+    found = run_case(None, case)
+    assert list(found.truth) == ["strange_shaft_state"]
+    assert found.verdict == "unknown"
+    assert not found.named
 
 
 def test_events_need_reality(gyrowheel: Shell) -> None:
