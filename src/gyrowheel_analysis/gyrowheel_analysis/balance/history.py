@@ -8,6 +8,7 @@ below the noise of the readings is added to the rates as a motion of the same si
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections import OrderedDict
@@ -26,7 +27,7 @@ from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, MEAN, Windows, attitude, without_noise
 from gyrowheel_core.arrays import running_mean
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.declaration import Effect, LawState
 from gyrowheel_sim.effects.law_code import (
     Instant,
     coefficient_arrays,
@@ -122,20 +123,21 @@ class History:
         `values` are the coefficients of the effect, `nodes` times from the middle of a window over half its duration.
         The state of a flexure is a pair.
         """
-        names = {s.name for own in effect.states for e in (own.rate, own.start) for s in e.free_symbols}
+        names = _names_in(effect.states)
         key = effect.states, effect.each_flexure, tuple((k, v) for k, v in values.items() if k in names)
         if key in self._found:
             self._found.move_to_end(key)
             return self._found[key]
         along = self._along(effect, values)
-        shape = len(self._windows), len(nodes), len(phases)
         basis = np.stack([_terms(np.full(len(phases), x), phases) for x in nodes])
-        fitted = np.empty((*shape, along.shape[1]))
-        for number, (own, matrix) in enumerate(self._fits):
-            fitted[number] = basis @ (matrix @ along[own])
+        terms = np.array([matrix @ along[own] for own, matrix in self._fits])
+        # every state apart, so that its values follow each other in memory
+        fitted = np.einsum(
+            "kpt,nts->snkp", basis, terms.reshape(-1, basis.shape[2], along.shape[1]), order="C"
+        )
         result: dict[str, Any] = {}
         for (_, name), places in memory_layout([effect]).items():
-            parts = [fitted[..., place] for place in places]
+            parts = [fitted[place] for place in places]
             if effect.each_flexure:
                 result[name] = tuple(parts)
             else:
@@ -159,6 +161,12 @@ class History:
             course.step, parts, out,
         )  # fmt: skip
         return out
+
+
+@functools.lru_cache(maxsize=1024)
+def _names_in(states: tuple[LawState, ...]) -> frozenset[str]:
+    """Return the names in rates and starts of states."""
+    return frozenset(s.name for own in states for e in (own.rate, own.start) for s in e.free_symbols)
 
 
 _codes: dict[Any, Any] = {}
