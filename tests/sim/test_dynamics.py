@@ -457,25 +457,30 @@ def test_compiled_inverse_dynamics_are_those_of_arrays(turning_case):
     turn = rng.uniform(-1.0, 1.0, (3, n))
     motion = Spin(z, z_rate, z_acc, angle, rate, acceleration)
     joint = inverse(motion, INERTIAS, tuple(turn) if turning_case else None)
-    # angles whose tangents are z: each component on its own
+    # derivatives of the angles whose tangents are z: each component on its own
     parts = []
     for t, u, a in ((z.real, z_rate.real, z_acc.real), (z.imag, z_rate.imag, z_acc.imag)):
         p_rate = u / (1.0 + t**2)
-        parts.append((np.arctan(t), p_rate, a / (1.0 + t**2) - 2.0 * t * p_rate**2))
-    phi = [x + 1j * y for x, y in zip(*parts, strict=True)]
+        parts.append((p_rate, a / (1.0 + t**2) - 2.0 * t * p_rate**2))
+    phi_rate, phi_acc = (x + 1j * y for x, y in zip(*parts, strict=True))
     out = np.empty((N_POINT, n))
     compile_kernels(
         ("gyrowheel_sim", "mechanics/dynamics.py"), ("gyrowheel_sim", "mechanics/inverse.py")
     ).inverse_points(
-        *phi, np.sin(angle), np.cos(angle), rate, acceleration, *turn, turning_case, *INERTIAS, out
-    )
-    np.testing.assert_allclose(out[0] + 1j * out[1], z, rtol=1e-12)
-    np.testing.assert_allclose(out[2] + 1j * out[3], z_rate, rtol=1e-12)
-    for row, expected in ((7, joint.sx), (8, joint.cx), (9, joint.theta_x), (10, joint.theta_y)):
+        z, phi_rate, phi_acc, np.sin(angle), np.cos(angle), rate, acceleration,
+        *turn, turning_case, *INERTIAS, out,
+    )  # fmt: skip
+    np.testing.assert_allclose(out[0] + 1j * out[1], z_rate, rtol=1e-12)
+    for row, expected in (
+        (5, joint.sx),
+        (6, joint.cx),
+        (7, np.sin(joint.theta_y)),
+        (8, np.cos(joint.theta_y)),
+    ):
         np.testing.assert_allclose(out[row], expected, rtol=1e-12, atol=1e-15)
-    for row, expected in ((11, joint.theta_x_rate), (12, joint.theta_y_rate)):
+    for row, expected in ((9, joint.theta_x_rate), (10, joint.theta_y_rate)):
         np.testing.assert_allclose(out[row], expected, rtol=1e-12, atol=1e-11)
-    for row, expected in zip((15, 16, 17), joint.inertial, strict=True):
+    for row, expected in zip((11, 12, 13), joint.inertial, strict=True):
         np.testing.assert_allclose(out[row], expected, rtol=1e-10, atol=1e-12 * np.abs(expected).max())
 
 

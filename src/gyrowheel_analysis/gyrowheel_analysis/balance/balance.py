@@ -31,6 +31,7 @@ from gyrowheel_analysis.balance.torques import (
     TORQUES,
     ActiveEffect,
     Instants,
+    Kinematics,
     Laws,
     Torques,
     bench_torques,
@@ -38,11 +39,14 @@ from gyrowheel_analysis.balance.torques import (
     depends_on_coil_voltage,
     difference,
     evaluated,
+    kinematics,
+    kinematics_key,
     law_torques,
     laws_on,
     pushed,
     replaced,
     required_torques,
+    torques_along,
 )
 from gyrowheel_analysis.channels import GROUPS, in_groups, measurable
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
@@ -72,14 +76,15 @@ class RippleResponse:
     """Response of coils and motor to a small change of the ripple, about one state of the motion.
 
     `inertia` is that about the spin axis [kg m²], `ripple` (n, harmonics, nodes) that of the state [rad/s]; `responses`
-    are the derivatives of the torques of coils and motor by each part of the ripple [N m s/rad]; `steps` (n, nodes,
-    parts, parts) are the changes of the parts of the ripple that remove those of its error.
+    are the derivatives of the torques of coils, two numbers each, and motor by each part of the ripple, next to each
+    other (n, nodes, 3 phases) [N m s/rad]; `steps` (n, nodes, parts, parts) are the changes of the parts of the ripple
+    that remove those of its error.
     """
 
     motion: Motion
     inertia: float
     ripple: Any
-    responses: tuple[tuple[Any, Any], ...]
+    responses: tuple[Any, ...]
     steps: Any
 
     @classmethod
@@ -97,9 +102,12 @@ class RippleResponse:
         responses = []
         for part in range(len(_PARTS)):
             moved = torques(ripple + _STEP * _amplitudes(np.eye(len(_PARTS))[part : part + 1]))
-            responses.append(((moved.coil - at.coil) / _STEP, (moved.motor - at.motor) / _STEP))
+            coil = np.ascontiguousarray((moved.coil - at.coil) / _STEP)
+            responses.append(np.concatenate([coil.view(float), (moved.motor - at.motor) / _STEP], axis=2))
         nothing = np.zeros_like(wanted)
-        slopes = [_real_parts(-_error(motion, inertia, motor, nothing)) for _, motor in responses]
+        slopes = [
+            _real_parts(-_error(motion, inertia, own[..., -motion.shape[2] :], nothing)) for own in responses
+        ]
         return cls(motion, inertia, ripple, tuple(responses), np.linalg.inv(np.stack(slopes, axis=-1)))
 
     def solved(
@@ -125,11 +133,11 @@ class RippleResponse:
     def corrected(self, at: Instants, wanted: Any) -> Instants:
         """Return a state with the ripple at which its motor torque has the amplitudes `wanted`, to first order."""
         parts = self._missing(at.motor, wanted)
-        coil, motor = at.coil, at.motor
-        for index, (coil_response, motor_response) in enumerate(self.responses):
-            part = parts[:, :, index, None]
-            coil = coil + coil_response * part
-            motor = motor + motor_response * part
+        more: Any = 0.0
+        for index, response in enumerate(self.responses):
+            more = more + response * parts[:, :, index, None]
+        coil = at.coil + more[..., : -self.motion.shape[2]].view(complex)
+        motor = at.motor + more[..., -self.motion.shape[2] :]
         change = _amplitudes(parts)
         rate = at.rate + summed(change, self.motion.wave).real
         # a spin angle that passes quickly has a small share of the time
@@ -231,6 +239,8 @@ class Balance:
         self._kept = frozenset(self.rows)
         self.motion = Motion(self.windows, bench, self.assumed, history)
         self._response: RippleResponse | None = None
+        #: The last kinematics, and what they follow from: most derivatives by the coefficients of a law share one.
+        self._kinematics: tuple[Any, Kinematics] | None = None
         self._derivatives: dict[str, Array] = {}
 
     @cached_property
@@ -339,8 +349,27 @@ class Balance:
             clean = self._uncleaned is not None
             first = self._needs(self.bench.values(), []) if clean else self._needs(values, effects)
             self._response = RippleResponse.about(first[0], self.bench.axial_inertia, *first[1:])
-        _, wanted, torques = self._needs(values, effects)
-        return self._response.solved(wanted, torques, near)
+        motion, wanted, torques = self._needs(values, effects)
+        if near is None:
+            return self._response.solved(wanted, torques)
+
+        def nearby(ripple: Any) -> Instants:
+            return torques_along(self._known_kinematics(motion, values, effects, ripple), values, effects)
+
+        return self._response.solved(wanted, nearby, near)
+
+    def _known_kinematics(
+        self, motion: Motion, values: Mapping[str, float], effects: Sequence[ActiveEffect], ripple: Any
+    ) -> Kinematics:
+        """Return the motion for a ripple, the last one where nothing differs that it follows from."""
+        key = kinematics_key(values, effects)
+        if self._kinematics is not None:
+            known, last = self._kinematics
+            if last.motion is motion and last.ripple is ripple and known == key:
+                return last
+        found = kinematics(motion, values, effects, ripple)
+        self._kinematics = key, found
+        return found
 
     def _needs(
         self, values: Mapping[str, float], effects: Sequence[ActiveEffect]

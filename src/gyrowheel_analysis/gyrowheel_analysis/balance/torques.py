@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import sympy as sp
 
 from gyrowheel_analysis.balance.motion import Motion
 from gyrowheel_sim.effects.declaration import Effect, Law
-from gyrowheel_sim.effects.law_code import array_law
-from gyrowheel_sim.effects.quantities import Omega, T_motor, T_winding, V_coil, t, theta_z, z, z_rate
+from gyrowheel_sim.effects.law_code import array_function, array_law, symbols_of
+from gyrowheel_sim.effects.quantities import T_motor, T_winding, V_coil, t, theta_z, z, z_rate
 from gyrowheel_sim.effects.targets import (
     INERTIAS,
     INSTRUMENT_PARAMETERS,
@@ -83,31 +84,48 @@ def evaluated(
     quantities: Mapping[str, Any],
     targets: frozenset[str],
     joint: Joint | None = None,
+    known: dict[int, Any] | None = None,
 ) -> Laws:
     """Return the sum of the laws on some targets.
 
     `motion` has what effects remember; `quantities` are those of the laws, by the names of `effects.quantities`;
-    `joint` has the angles of the flexures, for targets with a law for each of them.
+    `joint` has the angles of the flexures, for targets with a law for each of them. `known` keeps the values of laws
+    without the voltages of the coils, for an evaluation in which these alone are others.
     """
     result: dict[str, Any] = {}
-    for active, index, law in laws_on(effects, targets):
-        function = array_law(active.effect, index)
+    for number, (active, index, law) in enumerate(laws_on(effects, targets)):
         target = TARGETS[law.target]
-        memory = motion.remembered(active.effect, active.values)
+        if known is None or number not in known:
+            assert joint is not None or not target.each_flexure  # such targets come after the motion
+            value = _law_at(active, index, motion, quantities, joint if target.each_flexure else None)
+            if known is not None and V_coil not in symbols_of(law.expression):
+                known[number] = value
+        else:
+            value = known[number]
         if target.each_flexure:
-            assert joint is not None  # such targets come after the motion
-            angles = (1.0, joint.theta_x, joint.theta_x_rate), (-1.0, joint.theta_y, joint.theta_y_rate)
-            values = []
-            for side, (axis, angle, rate) in enumerate(angles):
-                own = {name: pair[side] for name, pair in memory.items()}
-                own |= {"theta": angle, "theta_rate": rate, "axis": axis}
-                values.append(np.real(function({**quantities, **active.values, **own})))
             so_far = result.get(target.name, (0.0, 0.0))
-            result[target.name] = tuple(a + b for a, b in zip(so_far, values, strict=True))
-            continue
-        value = function({**quantities, **active.values, **memory, **NO_JOINT})
-        result[target.name] = result.get(target.name, 0.0) + (value if target.complex else np.real(value))
+            result[target.name] = tuple(a + b for a, b in zip(so_far, value, strict=True))
+        else:
+            result[target.name] = result.get(target.name, 0.0) + value
     return result
+
+
+def _law_at(
+    active: ActiveEffect, index: int, motion: Motion, quantities: Mapping[str, Any], joint: Joint | None
+) -> Any:
+    """Return a law; with the angles of the flexures, that of each of them."""
+    function = array_law(active.effect, index)
+    memory = motion.remembered(active.effect, active.values)
+    if joint is None:
+        value = function({**quantities, **active.values, **memory, **NO_JOINT})
+        return value if TARGETS[active.effect.laws[index].target].complex else np.real(value)
+    values = []
+    angles = (1.0, joint.theta_x, joint.theta_x_rate), (-1.0, joint.theta_y, joint.theta_y_rate)
+    for side, (axis, angle, rate) in enumerate(angles):
+        own = {name: pair[side] for name, pair in memory.items()}
+        own |= {"theta": angle, "theta_rate": rate, "axis": axis}
+        values.append(np.real(function({**quantities, **active.values, **own})))
+    return tuple(values)
 
 
 def difference(new: Laws, old: Laws) -> Laws:
@@ -132,13 +150,12 @@ def replaced(laws: Laws, new: Laws, old: Laws) -> Laws:
 
 def depend_on_motor_temperature(effects: Iterable[ActiveEffect]) -> bool:
     """Whether a law of an effect depends on the temperature of the motor's winding or magnets."""
-    return any(law.expression.free_symbols & _WARM for active in effects for law in active.effect.laws)
+    return any(symbols_of(law.expression) & _WARM for active in effects for law in active.effect.laws)
 
 
-@functools.cache
 def depends_on_coil_voltage(effect: Effect) -> bool:
     """Whether a law of an effect depends on the voltages of the coils, which follow from the torques of all laws."""
-    return any(V_coil in law.expression.free_symbols for law in effect.laws)
+    return any(V_coil in symbols_of(law.expression) for law in effect.laws)
 
 
 def coil_voltages(coil: Any, laws: Laws, values: Mapping[str, float]) -> Any:
@@ -158,7 +175,19 @@ _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 _SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
 _REPETITIONS = 3
 #: Quantities that change within a revolution.
-_MOVING = frozenset((z, z_rate, theta_z, Omega, t))
+_MOVING = frozenset((z, z_rate, theta_z, t))
+
+
+def tangents(angles: Any) -> Any:
+    """Return the tangents of real and imaginary parts."""
+    return np.tan(np.ascontiguousarray(angles).view(np.float64)).view(np.complex128)
+
+
+@functools.lru_cache(maxsize=1024)
+def _factors(expression: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """Return the factor of a law that is constant within a revolution, and the other one."""
+    constant, moving = expression.as_independent(*_MOVING, as_Add=False)
+    return constant, moving
 
 
 def tilt_reading_error(
@@ -181,34 +210,35 @@ def tilt_reading_error(
     first: Any = 0.0j
     second: Any = 0.0j
     for active, index, law in laws_on(effects, READING):
-        function = array_law(active.effect, index)
         # what is remembered changes slowly
         fixed = {**q, **active.values, **motion.remembered(active.effect, active.values), **NO_JOINT}
-        moving = law.expression.free_symbols & _MOVING
+        moving = symbols_of(law.expression) & _MOVING
         if not moving:
-            error = error + function({**fixed, **AT_REST})
+            error = error + array_law(active.effect, index)({**fixed, **AT_REST})
             continue
+        held, function = (array_function(part) for part in _factors(law.expression))
+        factor = held(fixed)
         step = _STENCIL / q["Omega"]
         own: Any = 0.0j
         rate: Any = 0.0j
         acc: Any = 0.0j
         for _ in range(_REPETITIONS if {z, z_rate} & moving else 1):
             samples = []
+            tilt, speed = phi - own, tilt_rate - rate
+            straight, bent = step * speed, 0.5 * step**2 * (tilt_acc - acc)
             for k in (-2, -1, 0, 1, 2):
-                h = k * step
-                at = phi - own + h * (tilt_rate - rate) + 0.5 * h**2 * (tilt_acc - acc)
                 there = {
                     **fixed,
-                    "z": np.tan(at.real) + 1j * np.tan(at.imag),
-                    "z_rate": tilt_rate - rate + h * (tilt_acc - acc),
-                    "theta_z": motion.angle + k * _STENCIL + 0.5 * h**2 * acceleration,
-                    "t": fixed["t"] + h,
+                    "z": tangents(tilt + k * straight + k**2 * bent) if z in moving else 0.0j,
+                    "z_rate": speed + 2.0 * k * bent / step if z_rate in moving else 0.0j,
+                    "theta_z": motion.angle + k * _STENCIL + 0.5 * (k * step) ** 2 * acceleration,
+                    "t": fixed["t"] + k * step,
                 }
                 samples.append(np.broadcast_to(function(there), motion.shape))
             stack = np.array(samples)
-            own = stack[2]
-            rate = np.tensordot(_FIRST, stack, 1) / step
-            acc = np.tensordot(_SECOND, stack, 1) / step**2
+            own = factor * stack[2]
+            rate = factor * np.tensordot(_FIRST, stack, 1) / step
+            acc = factor * np.tensordot(_SECOND, stack, 1) / step**2
         error, first, second = error + own, first + rate, second + acc
     return error, first, second
 
@@ -246,6 +276,36 @@ class Instants:
     by_voltage: bool
 
 
+@dataclass(frozen=True)
+class Kinematics:
+    """The true motion at every instant of every window, for a ripple of the spin rate, and what follows from it alone.
+
+    Attributes are those of `Instants`; `laws` are those that the motion needs.
+    """
+
+    motion: Motion
+    ripple: Any
+    rate: Any
+    weights: Any
+    laws: Laws
+    quantities: Mapping[str, Any]
+    joint: Joint
+    axis: SpinAxis
+
+
+#: Bench parameters that act on torques and readings alone: the kinematics are the same for others of them.
+_BESIDE_KINEMATICS = frozenset((*TORQUE_PARAMETERS, "coil_constant", "motor_constant", "motor_resistance"))
+
+
+def kinematics_key(values: Mapping[str, float], effects: Sequence[ActiveEffect]) -> tuple[Any, ...]:
+    """Return what kinematics follow from besides the motion and the ripple."""
+    own = (active for active in effects if any(law.target in READING | AHEAD for law in active.effect.laws))
+    return (
+        tuple(value for name, value in values.items() if name not in _BESIDE_KINEMATICS),
+        tuple((active.effect.laws, tuple(active.values.items())) for active in own),
+    )
+
+
 def required_torques(
     motion: Motion, values: Mapping[str, float], effects: Sequence[ActiveEffect], ripple: Any
 ) -> Instants:
@@ -254,6 +314,13 @@ def required_torques(
     `motion` is free of the instruments' errors; `values` are the bench parameters [SI]; `ripple` (n, harmonics, nodes)
     are the amplitudes of the ripple [rad/s].
     """
+    return torques_along(kinematics(motion, values, effects, ripple), values, effects)
+
+
+def kinematics(
+    motion: Motion, values: Mapping[str, float], effects: Sequence[ActiveEffect], ripple: Any
+) -> Kinematics:
+    """Return the motion for a given ripple; the arguments are those of `required_torques`."""
     rate, acceleration = motion.spin_with(ripple)
     tilt_rate, tilt_acc = motion.tilt_derivatives(rate, acceleration)
     q = motion.quantities_at(rate, values)
@@ -267,32 +334,44 @@ def required_torques(
         (motion.tilt - bias - error) / scale, (tilt_rate - error_rate) / scale, (tilt_acc - error_acc) / scale
     )
     ahead = evaluated(effects, motion, q | AT_REST, AHEAD)
-    points = _inverse(motion, (phi, phi_rate, phi_acc), rate, acceleration, values, ahead)
-    q["z"], q["z_rate"] = points.tilt_x + 1j * points.tilt_y, points.tilt_rate_x + 1j * points.tilt_rate_y
-    axis = SpinAxis(points.axis_x + 1j * points.axis_y, points.axis_z)
+    q["z"] = tangents(phi)
+    points = _inverse(motion, (q["z"], phi_rate, phi_acc), rate, acceleration, values, ahead)
+    q["z_rate"] = points.tilt_rate_x + 1j * points.tilt_rate_y
     joint = Joint(
         sx=points.sine_x,
         cx=points.cosine_x,
         sz=motion.sines.reshape(motion.shape),
         cz=motion.cosines.reshape(motion.shape),
-        theta_x=points.theta_x,
-        theta_y=points.theta_y,
+        theta_x=np.arctan2(points.sine_x, points.cosine_x),
+        theta_y=np.arctan2(points.sine_y, points.cosine_y),
         theta_x_rate=points.theta_rate_x,
         theta_y_rate=points.theta_rate_y,
         inertial=(points.inertial_x, points.inertial_y, points.inertial_z),
     )
-    instrument = evaluated(effects, motion, q, INSTRUMENT)
-    q["V_coil"], by_voltage = 0.0j, any(depends_on_coil_voltage(active.effect) for active in effects)
-    for _ in range(_SETTLING if by_voltage else 1):
-        laws = {**evaluated(effects, motion, q, AFTER, joint), **ahead, **instrument}
-        coil, motor = _needed(motion, values, laws, rate, joint, axis, q["z"])
-        before, q["V_coil"] = q["V_coil"], coil_voltages(coil, laws, values)
-        if np.abs(q["V_coil"] - before).max(initial=0.0) < _VOLTS:
-            break
     # a spin angle that passes quickly has a small share of the time
     weights = motion.weights * motion.spin / rate
     weights = weights / weights.sum(axis=(1, 2), keepdims=True)
-    return Instants(motion, ripple, coil, motor, rate, weights, laws, q, joint, axis, by_voltage)
+    axis = SpinAxis(points.axis_x + 1j * points.axis_y, points.axis_z)
+    return Kinematics(motion, ripple, rate, weights, ahead, q, joint, axis)
+
+
+def torques_along(
+    along: Kinematics, values: Mapping[str, float], effects: Sequence[ActiveEffect]
+) -> Instants:
+    """Return the required torques for some kinematics."""
+    motion, joint, axis, q = along.motion, along.joint, along.axis, dict(along.quantities)
+    first = {**along.laws, **evaluated(effects, motion, q, INSTRUMENT)}
+    q["V_coil"], by_voltage = 0.0j, any(depends_on_coil_voltage(active.effect) for active in effects)
+    known: dict[int, Any] = {}
+    for _ in range(_SETTLING if by_voltage else 1):
+        laws = {**evaluated(effects, motion, q, AFTER, joint, known), **first}
+        coil, motor = _needed(motion, values, laws, along.rate, joint, axis, q["z"])
+        before, q["V_coil"] = q["V_coil"], coil_voltages(coil, laws, values)
+        if np.abs(q["V_coil"] - before).max(initial=0.0) < _VOLTS:
+            break
+    return Instants(
+        motion, along.ripple, coil, motor, along.rate, along.weights, laws, q, joint, axis, by_voltage
+    )
 
 
 def _needed(
@@ -347,9 +426,11 @@ def law_torques(laws: Laws, values: Mapping[str, float]) -> Torques:
 
 def flexure_laws(laws: Laws) -> tuple[Any, Any]:
     """Return the torques of laws on the two flexures [N m]."""
+    pairs = {name: pair for name, pair in laws.items() if TARGETS[name].each_flexure}
+    if not pairs:
+        return 0.0, 0.0
     first, second = (
-        added({name: pair[side] for name, pair in laws.items() if TARGETS[name].each_flexure}, {}, "flexure")
-        for side in (0, 1)
+        added({name: pair[side] for name, pair in pairs.items()}, {}, "flexure") for side in (0, 1)
     )
     return first, second
 
@@ -376,8 +457,6 @@ def _forces(joint: Joint, axis: SpinAxis, tilt: Any, across: Any, axial: Any) ->
 class _Points(NamedTuple):
     """Output of `mechanics.inverse` at every instant: its rows, in order."""
 
-    tilt_x: Any
-    tilt_y: Any
     tilt_rate_x: Any
     tilt_rate_y: Any
     axis_x: Any
@@ -385,12 +464,10 @@ class _Points(NamedTuple):
     axis_z: Any
     sine_x: Any
     cosine_x: Any
-    theta_x: Any
-    theta_y: Any
+    sine_y: Any
+    cosine_y: Any
     theta_rate_x: Any
     theta_rate_y: Any
-    cosine_y: Any
-    sine_y: Any
     inertial_x: Any
     inertial_y: Any
     inertial_z: Any
@@ -398,13 +475,16 @@ class _Points(NamedTuple):
 
 def _inverse(
     motion: Motion,
-    phi: tuple[Any, Any, Any],
+    tilt: tuple[Any, Any, Any],
     rate: Any,
     acceleration: Any,
     values: Mapping[str, float],
     ahead: Laws,
 ) -> _Points:
-    """Return the inverse dynamics of tilt angles and their two derivatives, with the laws that change the mechanics."""
+    """Return the inverse dynamics of complex tilts and two derivatives of their angles.
+
+    `ahead` are the laws that change the mechanics.
+    """
     # inertias are constant
     laws = {
         name: value if TARGETS[name].changes("case_rate") else float(np.mean(value))
@@ -422,7 +502,7 @@ def _inverse(
     inertias = [changed(laws, values, name) for name in INERTIAS]
     out = np.empty((N_POINT, motion.angle.size))
     compile_kernels(*_KERNELS).inverse_points(
-        *(flat(part.astype(complex)) for part in phi), motion.sines, motion.cosines, flat(rate), flat(acceleration),
-        *case, turning, *inertias, out,
+        *(flat(np.asarray(part, dtype=complex)) for part in tilt), motion.sines, motion.cosines,
+        flat(rate), flat(acceleration), *case, turning, *inertias, out,
     )  # fmt: skip
     return _Points(*out.reshape(N_POINT, *motion.shape))

@@ -268,7 +268,7 @@ def added(
     start : number or array
         What is there without laws.
     """
-    for target, entry in entering(place, of):
+    for target, entry in _ENTERING.get((place, of), ()):
         if target.name in laws:
             value = laws[target.name]
             value = value / values[entry.over] if entry.over else value

@@ -13,28 +13,26 @@ from gyrowheel_sim.mechanics.dynamics import case_to_joint, inertia_terms, movin
 
 # --- kernel ---
 
-N_POINT = 18
+N_POINT = 14
 
 
 @njit(cache=True, error_model="numpy")
 def inverse_points(
-    phi: Any, phi_rate: Any, phi_acc: Any, sines: Any, cosines: Any, rate: Any, acceleration: Any,
+    z: Any, phi_rate: Any, phi_acc: Any, sines: Any, cosines: Any, rate: Any, acceleration: Any,
     turn_x: Any, turn_y: Any, turn_z: Any, turning: bool,
     Irx: float, Iry: float, Irz: float, Igx: float, Igy: float, Igz: float, Imz: float, out: Any,
 ) -> None:  # fmt: skip
-    """Fill `out` (18, n) for tilt angles phi_x + i phi_y and their derivatives at n points.
+    """Fill `out` (14, n) for complex tilts z and the derivatives of their angles phi_x + i phi_y at n points.
 
-    Rows of `out`: complex tilt z (2) and its rate (2); spin axis n (3); sine and cosine of theta_x; angles and rates of
-    the two joints (4); cosine and sine of theta_y; the generalised forces M q'' - f, with those of a case that turns at
-    (turn_x, turn_y, turn_z) where `turning` (3).
+    Rows of `out`: the rate of z (2); spin axis n (3); sine and cosine of theta_x, then of theta_y (4); rates of the two
+    joints (2); the generalised forces M q'' - f, with those of a case that turns at (turn_x, turn_y, turn_z) where
+    `turning` (3). The loop calls no function of the C library, which compilers cannot run on several points at once.
     """
     for i in range(len(rate)):
-        px = phi[i].real
-        py = phi[i].imag
         px_rate = phi_rate[i].real
         py_rate = phi_rate[i].imag
-        zx = math.tan(px)
-        zy = math.tan(py)
+        zx = z[i].real
+        zy = z[i].imag
         gx = 1.0 + zx * zx
         gy = 1.0 + zy * zy
         zx_rate = gx * px_rate
@@ -88,21 +86,17 @@ def inverse_points(
             b1 += e1
             b2 += e2
             b3 += e3
-        out[0, i] = zx
-        out[1, i] = zy
-        out[2, i] = zx_rate
-        out[3, i] = zy_rate
-        out[4, i] = nx
-        out[5, i] = ny
-        out[6, i] = nz
-        out[7, i] = sx
-        out[8, i] = cx
-        out[9, i] = math.atan2(sx, cx)
-        out[10, i] = math.atan2(sy, cy)
-        out[11, i] = wx
-        out[12, i] = wy
-        out[13, i] = cy
-        out[14, i] = sy
-        out[15, i] = b1
-        out[16, i] = b2
-        out[17, i] = b3
+        out[0, i] = zx_rate
+        out[1, i] = zy_rate
+        out[2, i] = nx
+        out[3, i] = ny
+        out[4, i] = nz
+        out[5, i] = sx
+        out[6, i] = cx
+        out[7, i] = sy
+        out[8, i] = cy
+        out[9, i] = wx
+        out[10, i] = wy
+        out[11, i] = b1
+        out[12, i] = b2
+        out[13, i] = b3
