@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,32 @@ pytestmark = pytest.mark.graph
 
 Start = Callable[..., NodeProcess]
 LEAD_NS = 100_000_000
+LEAVING = """
+import sys
+import rclpy
+from gyrowheel_analysis.nodes.drag_estimator import DragEstimatorNode
+from gyrowheel_control.nodes.conductor import ConductorNode
+from gyrowheel_control.nodes.controller import ControllerNode
+from gyrowheel_control.nodes.joint_commands import JointCommandsNode
+from gyrowheel_core.node import make_executor, prepare_environment
+from gyrowheel_recording.nodes.recorder import RecorderNode
+from gyrowheel_sim.plant.node import PlantNode
+
+prepare_environment()
+rclpy.init(domain_id=int(sys.argv[1]))
+observer = rclpy.create_node("observer")
+kept = []
+for kind in PlantNode, ControllerNode, ConductorNode, JointCommandsNode, DragEstimatorNode, RecorderNode:
+    node, executor = kind(), make_executor()
+    executor.add_node(node)
+    node.start()
+    print(observer.get_node_names())
+    node.finish(executor)
+    node.take_apart(executor)
+    node.destroy_node()
+    kept.append(node)
+print(observer.get_node_names())
+"""
 
 
 def test_bad_parameters_end_a_node_with_one_line(start_node: Start):
@@ -37,6 +65,19 @@ def test_bad_parameters_end_a_node_with_one_line(start_node: Start):
         assert line in node.output
         assert node.output.count("\n") == 1
         assert "Traceback" not in node.output
+
+
+def test_a_node_that_is_destroyed_leaves_the_graph(domain: int):
+    """What stays in the middleware has threads that run into the exit of the process."""
+    done = subprocess.run(
+        [sys.executable, "-c", LEAVING, str(domain)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE,
+    )
+    nodes = ["plant", "controller", "conductor", "joint_commands", "drag_estimator", "recorder"]
+    assert done.stdout.splitlines() == [*(f"['observer', '{name}']" for name in nodes), "['observer']"]
 
 
 def test_a_lifecycle_manager_can_run_a_node(bystander: Bystander, start_node: Start):

@@ -38,7 +38,10 @@ class Fragile(BenchNode):
             ctypes.PyDLL(None).pause()
 
     def destroy_node(self):
-        if "well" in sys.argv:
+        if "exit" in sys.argv:
+            system = ctypes.CDLL(None)
+            system["__cxa_atexit"](system["raise"], ctypes.c_void_p(signal.SIGABRT), None)
+        if {"well", "exit"} & {*sys.argv}:
             return super().destroy_node()
         if "hangs" in sys.argv:
             ctypes.PyDLL(None).pause()  # which keeps Python's lock
@@ -51,7 +54,7 @@ raise SystemExit(code)
 
 
 @pytest.mark.graph
-@pytest.mark.parametrize("when", ["early", "late", "hangs", "cleanup", "well"])
+@pytest.mark.parametrize("when", ["early", "late", "hangs", "cleanup", "exit", "well"])
 def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_path: Path) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", NODE, when],
@@ -64,7 +67,7 @@ def test_a_crash_counts_before_the_work_is_done_and_not_after(when: str, tmp_pat
     said = process.stdout.read()
     code = process.wait(240.0)
     child = Child("fragile", process.pid, tmp_path / "log", returncode=code, expected=True)
-    assert said == b"work done\n" + (b"0 left\n" if when == "well" else b"")
+    assert said == b"work done\n" + (b"0 left\n" if when in ("exit", "well") else b"")
     if when == "well":
         assert code == 0
     elif when == "early":

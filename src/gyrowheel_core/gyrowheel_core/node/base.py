@@ -194,6 +194,9 @@ class BenchNode(LifecycleNode):
         for subscription in list(super().subscriptions):
             self.watch.remove(subscription)
         super().destroy_node()
+        # rclpy forgets the state machine, which keeps the node in the middleware alive: the threads of Fast DDS would
+        # still run while the exit of the process destroys what they use, and now and then corrupt its memory
+        self._state_machine.destroy_when_not_in_use()
 
     def inbox(self, topic: topics.Topic, *, room: int = 0) -> Inbox:
         """Create a subscription whose messages wait until they are taken; close it by `close_inbox`.

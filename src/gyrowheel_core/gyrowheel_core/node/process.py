@@ -222,6 +222,7 @@ def _run(node_class: type[BenchNode], signals: StopSignals) -> BaseException | N
     node.finish(executor)
     _end_quietly_at(signal.SIGALRM, seconds=CLEANED_UP)
     node.take_apart(executor)
+    faulthandler.disable()  # which rclpy has enabled: at the end of Python it would undo what follows
     _end_quietly_at(*TORN, seconds=DESTROYED)
     node.destroy_node()
     return node.failure
