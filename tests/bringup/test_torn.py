@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -110,3 +111,21 @@ def test_a_node_that_was_stopped_when_it_had_to_end_did_not_end_well(tmp_path: P
     child = Child("recorder", process.pid, tmp_path / "log", returncode=0, expected=True, stopped=True)
     assert not child.ended_well
     assert child.ending == "stopped by a signal, such as SIGSTOP, and not continued"
+
+
+@pytest.mark.skipif(not shutil.which("strace"), reason="needs strace")
+def test_a_node_whose_system_calls_are_traced_is_not_stopped() -> None:
+    code = "import os\nprint(os.getpid(), flush=True)\nwhile True: os.access('/', os.F_OK)"
+    traced = ["strace", "-qq", "-e", "trace=access", "-o", os.devnull, sys.executable, "-c", code]
+    with subprocess.Popen(traced, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        if not line:
+            pytest.skip("tracing is not allowed")
+        pid = int(line)
+        try:
+            assert not any(is_stopped(pid) for _ in range(200))
+            os.kill(pid, signal.SIGSTOP)
+            wait_for(lambda: is_stopped(pid))
+        finally:
+            os.kill(pid, signal.SIGKILL)

@@ -29,6 +29,7 @@ from gyrowheel_core.start_node import NodeRequest, command
 
 _STOP_TIMEOUT = 20.0  # time for a node to end before it is killed [s]
 _TRACE_TIMEOUT = 1.0  # time to log where it hangs [s]
+_TRACED = 0.2  # longer than a tracer of system calls, such as strace, stops a process for one [s]
 _UNLOCKED = 2.0  # by then Fast DDS has replaced shared memory that a killed process had locked [s]
 #: Nodes that wait for each other's messages: only one of them runs at a time.
 _LOOP = ("plant", "controller")
@@ -97,10 +98,18 @@ class Child:
 
 
 def is_stopped(pid: int) -> bool:
-    """Return whether a process is stopped by a signal or a debugger."""
+    """Return whether a process is stopped by a signal or a debugger; a tracer of system calls stops it for a moment."""
+    end = time.monotonic() + _TRACED
+    while (state := _state(pid)) == b"t" and time.monotonic() < end:
+        time.sleep(0.001)
+    return state in (b"T", b"t")
+
+
+def _state(pid: int) -> bytes:
+    """Return the letter of a process's state, as `ps` shows it; empty where it is not known."""
     with contextlib.suppress(OSError):
-        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] in (b"T", b"t")
-    return False
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0]
+    return b""
 
 
 class Processes:
