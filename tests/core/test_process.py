@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from rclpy.exceptions import InvalidHandle
 
 from gyrowheel_core.node import (
     BenchNode,
@@ -165,6 +166,8 @@ def test_a_user_defined_node_has_its_requested_priority(monkeypatch: pytest.Monk
     spin(node, priority=7)
     end.join()
     assert asked == [7]
+    with pytest.raises(InvalidHandle):  # destroyed
+        node.get_namespace()
 
 
 def test_a_refused_priority_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,7 +38,8 @@ _LAST_CALLBACKS = 50
 _LOOK = 0.1  # period of looking at the publishers [s]
 #: Longest wait for a message before other work is looked for [s].
 _PATIENCE = 0.1
-_LET_GO = 0.05  # time for the executor and for messages in transit to release a subscription [s]
+#: Time for the executor and for messages in transit to release a subscription [s].
+LET_GO = 0.05
 
 
 def _unused(_: Any) -> None:
@@ -177,7 +178,7 @@ class BenchNode(LifecycleNode):
         """
         self.watch.remove(subscription)
         subscription.handle.__enter__()  # in use: it is not destroyed yet
-        self._leaving.append((time.monotonic() + _LET_GO, subscription.handle))
+        self._leaving.append((time.monotonic() + LET_GO, subscription.handle))
         return super().destroy_subscription(subscription)
 
     def _release(self) -> None:
@@ -400,7 +401,7 @@ class BenchNode(LifecycleNode):
     def take_apart(self, executor: Executor) -> None:
         """Shut down the executor, and end the lifecycle by the hook `cleanup`; the work of the node has ended."""
         executor.shutdown()
-        time.sleep(_LET_GO)
+        time.sleep(LET_GO)
         if self.state in ("unconfigured", "inactive", "active"):
             self.trigger_shutdown()
 

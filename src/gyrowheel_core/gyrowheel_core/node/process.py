@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from gyrowheel_core.errors import InputError, one_line, printable
-from gyrowheel_core.node.base import BenchNode, Fault
+from gyrowheel_core.node.base import LET_GO, BenchNode, Fault
 from gyrowheel_core.node.parameters import AUTOSTART
 from gyrowheel_core.node.priority import prioritise
 from gyrowheel_core.surroundings import prepare_environment
@@ -63,6 +63,7 @@ def make_executor(context: Context | None = None) -> Executor:
 def spin(node: Node, *, priority: int = 0) -> None:
     """Spin a user-defined node with the fastest executor, until Ctrl-C, SIGTERM or the shutdown of its context.
 
+    Then the node is destroyed: what is left of it in Fast DDS has threads that may crash the exit of the process.
     For a node that does not derive from `BenchNode`; `run_node` is for those that do. ``rclpy.spin`` does not keep up
     with the samples of the bench.
 
@@ -78,9 +79,14 @@ def spin(node: Node, *, priority: int = 0) -> None:
     executor.add_node(node)
     prioritise(node, priority)
     _prepare_for_pace()
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        while node.context.ok():
-            executor.spin_once(timeout_sec=0.1)
+    try:
+        with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+            while node.context.ok():
+                executor.spin_once(timeout_sec=0.1)
+    finally:
+        executor.shutdown()
+        time.sleep(LET_GO)
+        node.destroy_node()
 
 
 def _prepare_for_pace() -> None:
