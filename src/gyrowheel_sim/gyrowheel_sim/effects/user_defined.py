@@ -435,9 +435,11 @@ def _shape(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coeffic
 def _amplitude(name: str, unit: str, entry: CoefficientEntry, where: str) -> Coefficient:
     usual = (0.0, 0.0)  # not known yet, see _sized
     if entry.value is not None:
-        size = abs(entry.value)
-        if size == 0.0:
-            raise InputError(f"{where}.value: 0 cannot be a usual size")
+        size = entry.value
+        if size <= 0.0:
+            raise InputError(
+                f"{where}.value: {size:g} is out of range; allowed: > 0, a usual size (the sign stands in the law)"
+            )
         usual = (_rounded(size / 3.0, 3), _rounded(size * 3.0, 3))
     if entry.usual is not None:
         usual = entry.usual
