@@ -298,6 +298,13 @@ BENT = {
     ),
     "coil_turn": ("torque = a*i*V_coil*r; a = 4e-4 [N*m/V]", {"b": 4e-4, "q": 1.0}, 0.04),
     "coil_brake": ("shaft_torque = -a*abs(V_coil)^2; a = 2e-5 [N*m/V^2]", {"a": -2e-5}, 0.04),
+    "coil_gain_warming": ("coil_gain = -a*(T_coil - T_ref)^2; a = 3e-4 [1/K^2]", {"a": -3e-4}, 0.04),
+    "rate": ("torque = -a*z_rate*abs(z_rate); a = 0.2 [N*m*s^2/rad^2]", {"k": 2.0, "q": 0.0}, 0.0),
+    "tilt_beyond": (
+        "torque = a*i*z/(1 + exp((p - r)/w)); a = 0.01 [N*m/rad]; p = 0.75 +- 0.001 [1]; w = 0.01 +- 0.0001 [1]",
+        {"p": 0.75},
+        0.0,
+    ),
 }
 
 
@@ -318,6 +325,20 @@ def test_resonances_coils_that_bend_and_temperatures_are_formulas(name: str, tmp
         assert abs(own.value - value) < 4.0 * own.standard_error + other * abs(value)
     assert found.proof is not None
     assert found.proof.proven
+
+
+@pytest.mark.slow
+def test_formulas_that_describe_the_recording_as_well_come_with_the_test_that_separates_them() -> None:
+    """Three speeds do not show whether the torque on the spin grows at one of them, beyond it, or with a power."""
+    law = gw.own_effect("shaft_torque = -a*max(r - p, 0)^2; a = 0.01 [N*m]; p = 0.6 +- 0.001 [1]")
+    few = gw.simulate("quick", effects=[law], machine=5, seed=5)
+    found = gw.diagnose(few, gw.Model())
+    (form,) = found.free_form
+    names = {form.name, *(tie.name for tie in form.ties)}
+    assert {"spin_bump", "spin_beyond", "spin_power"} <= names
+    assert "describe these recordings as well" in found.sentence
+    assert found.next_test is not None
+    assert set(found.next_test.separates or ()) <= names
 
 
 @pytest.mark.study

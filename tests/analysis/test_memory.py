@@ -195,16 +195,18 @@ def test_typed_laws_with_a_memory_are_fitted_and_hold_on_unused_data(
 @pytest.mark.parametrize(
     ("line", "state"),
     [
-        (
-            "warm: shaft_torque = -f*m; d(m)/dt = (r^2 - m)/tau; m(0) = 0; m [1]; tau = 6 +- 3 [s]; f = 0.002 [N*m]",
-            "r",
-        ),
-        (
+        pytest.param(
             "drawn: i*F*s; d(s)/dt = (z_rate - s*abs(z_rate))/b; b = 0.02 +- 0.01 [rad]; F = 4e-4 [N*m]",
             "z_rate",
+            id="a torque across the motion",
+        ),
+        pytest.param(
+            "warm: shaft_torque = -f*m; d(m)/dt = (r^2 - m)/tau; m(0) = 0; m [1]; tau = 6 +- 3 [s]; f = 0.002 [N*m]",
+            "r",
+            id="a torque on the spin that lags",
+            marks=pytest.mark.study,
         ),
     ],
-    ids=("a torque on the spin that lags", "a torque across the motion"),
 )
 def test_an_unknown_law_with_a_memory_is_proposed_with_its_state_and_predicts_unused_data(
     line: str, state: str, tmp_path: Path

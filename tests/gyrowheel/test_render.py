@@ -31,6 +31,7 @@ from gyrowheel.diagnosis.page import detection_limits, following
 from gyrowheel.diagnosis.page import diagnosis_page as rendered
 from gyrowheel.drag_comparison.page import drag_page
 from gyrowheel.models.page import model_page
+from gyrowheel.show.contract import diagnosis_json
 from gyrowheel.show.error_table import fall
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import commands, figures_table, plain_text, words_table
@@ -41,6 +42,7 @@ from gyrowheel_air.table import TorqueTable
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.estimates import Beyond, Estimate
+from gyrowheel_analysis.diagnosis.findings import FormTie
 from gyrowheel_analysis.diagnosis.proof_result import ChannelCheck, Proof
 from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
 from gyrowheel_analysis.model import Model
@@ -429,6 +431,21 @@ def test_wrong_values_of_a_model_are_distinguished_from_missing_effects():
     found = diagnosis("effect", wrong)
     assert verdict_sentence(found) == "The flexure stiffness differs from the bench file (stiffness_error)."
     assert "beyond five of its stated uncertainties" in text_of(rendered(found))
+
+
+def test_formulas_that_describe_the_recordings_as_well_are_shown_with_the_test_and_the_command():
+    (form,) = UNKNOWN.free_form
+    other = replace(form, name="lobes", formula="rotor_torque = a*conj(z)", description="torque with lobes")
+    ties = FormTie(other, 0.01, "cone", 40.0, 0.5), FormTie(other, 3.25, None, None, None)
+    found = replace(UNKNOWN, free_form=(replace(form, name="power", ties=ties),))
+    shown = " ".join(text_of(rendered(found)).replace("│", " ").split())
+    assert "2 other formulas describe these recordings as well" in shown
+    assert "could also be lobes, torque with lobes: χ² is no worse. Plan cone separates them" in shown
+    assert "χ² is only 3.2 worse. No test on this bench separates them." in shown
+    assert "--formula 'lobes: rotor_torque = a*conj(z)'" in shown
+    (told,) = diagnosis_json(found)["free_form"]
+    assert [tie["formula"] for tie in told["ties"]] == [other.formula] * 2
+    assert [tie["separating_plan"] for tie in told["ties"]] == ["cone", None]
 
 
 def test_free_forms_show_edges_in_degrees_and_fitted_exponents():

@@ -214,6 +214,9 @@ def _free_form(form: FreeForm) -> Iterator[RenderableType]:
     yield from sentences(filter(None, [form_sentence(form), simple_sentence(form)]))
     if form.simple:
         yield command(f"--formula {shlex.quote(f'{form.name}: {form.simple}')}")
+    for tie in form.ties:
+        yield from sentences([tie_sentence(tie)])
+        yield command(f"--formula {shlex.quote(f'{tie.name}: {tie.form.formula}')}")
 
 
 def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:

@@ -316,6 +316,9 @@ def _next(
             return Wanted(BROAD, "shows whether the formula holds at other speeds and tilts")
         if not found.free_form:
             return False, "no known effect explains it, at any speed and tilt tried, and no simple formula"
+        test = found.next_test  # separates formulas
+        if test is not None and fresh(test.plan):
+            return Wanted(test.plan, purpose(test))
         return True, "no known effect explains it, at any speed and tilt tried; the formula describes it"
     if found.verdict == "effect":
         from gyrowheel_analysis.diagnosis.experiment_design import precision_test

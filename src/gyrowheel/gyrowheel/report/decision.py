@@ -65,6 +65,7 @@ def _sure(report: ReportContent) -> list[str]:
     found = report.diagnosis
     lines = _plainly(found)
     tied = {name: [tie.name for tie in ties] for name, ties in found.ties.items() if ties}
+    tied |= {form.name: [tie.name for tie in form.ties] for form in found.free_form if form.ties}
     lines += [
         f"These recordings cannot tell {name} from {listed(ties, 'or')}." for name, ties in tied.items()
     ]

@@ -210,6 +210,10 @@ def forms(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
                 if form.simple
                 else "",
                 "simple_said": cells.shown(f"{place}.simple", simple_sentence(form), "sentence"),
+                "ties": [
+                    cells.shown(f"{place}.ties.{n}", tie_sentence(tie), "tie")
+                    for n, tie in enumerate(form.ties)
+                ],
             }
         )
     return items

@@ -330,6 +330,7 @@ class Session(Jobs):
             return []
         named = [] if found.next_test is None else [found.next_test.plan]
         ties = [tie.separating_plan for effect in found.effects for tie in effect.ties]
+        ties += [tie.separating_plan for form in found.free_form for tie in form.ties]
         return list(dict.fromkeys([*named, *(plan for plan in ties if plan is not None)]))
 
     def test(self, plan: str, bench_key: str = "") -> None:

@@ -38,6 +38,7 @@ from gyrowheel_analysis.diagnosis.experiment_design import Planner, Separation, 
 from gyrowheel_analysis.diagnosis.explanation import Explanation, explained
 from gyrowheel_analysis.diagnosis.findings import (
     EffectFinding,
+    FormTie,
     FreeForm,
     InstrumentFinding,
     NextTest,
@@ -53,6 +54,7 @@ from gyrowheel_analysis.diagnosis.support import supported
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts
 from gyrowheel_analysis.diagnosis.unknown import (
     Proposal,
+    alternatives,
     as_found,
     places,
     whole_exponents,
@@ -155,6 +157,7 @@ def _judged(
     missing = [_beside(problem, proposal, t) for t in proposal.kept] if proposal else selection.findings
     findings = [_report(fitted, f, best, planner) for f in missing]
     findings.sort(key=lambda f: -f.delta_chi2)
+    form = _with_ties(proposal, problem, planner) if proposal else None
     limits = detection_limits(problem, best, selection.inflation)
     errors = errors_of(before, best, fitted)
     null = selection.null if proposal is None else problem.fit(())
@@ -179,11 +182,11 @@ def _judged(
         instruments=tuple(
             wrong for f in findings if is_instrument(f.name) for wrong in _instruments(f, problem.bench)
         ),
-        free_form=(_free_form(proposal, problem),) if proposal else (),
+        free_form=(form,) if form else (),
         rejected=explanation.rejected,
         error=errors.table,
         where=tuple(regions(data, problem.bench)),
-        next_test=_next_test(findings, limits, planner, verdict),
+        next_test=_next_test([*findings, *([form] if form else [])], limits, planner, verdict),
         limits=tuple(limits),
         events=tuple(events),
         turned=tuple(turned),
@@ -304,8 +307,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     data = window_residuals(problem.balances, windows, alone, problem.noise)
     ties = []
     for tie in finding.ties:
-        separation = planner.best(best, tie.fit)
-        useful = separation if separation and separation.expected >= USEFUL_SEPARATION else None
+        useful = _useful(planner, best, tie.fit)
         ties.append(
             TieReport(
                 tie.term.name,
@@ -366,6 +368,23 @@ def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
     return found
 
 
+def _useful(planner: Planner, best: Fit, rival: Fit) -> Separation | None:
+    """Return the plan that separates two fits; None where none does."""
+    found = planner.best(best, rival)
+    return found if found and found.expected >= USEFUL_SEPARATION else None
+
+
+def _with_ties(proposal: Proposal, problem: Problem, planner: Planner) -> FreeForm:
+    """Return a proposed form with the forms that describe the recordings as well."""
+    ties = []
+    for tie in alternatives(problem, proposal):
+        form = _free_form(Proposal(tie.term, tie.fit, proposal.gain - tie.delta_chi2), problem)
+        useful = _useful(planner, proposal.fit, tie.fit)
+        plan, expected, minutes = (useful.plan, useful.expected, useful.minutes) if useful else (None,) * 3
+        ties.append(FormTie(form, tie.delta_chi2, plan, expected, minutes))
+    return replace(_free_form(proposal, problem), ties=tuple(ties))
+
+
 def _free_form(proposal: Proposal, problem: Problem) -> FreeForm:
     effect = as_found(proposal, problem.unknowns.known)
     found = estimates(problem, proposal.term, proposal.fit)
@@ -387,7 +406,7 @@ def _free_form(proposal: Proposal, problem: Problem) -> FreeForm:
 
 
 def _next_test(
-    findings: list[EffectFinding], limits: list[DetectionLimit], planner: Planner, verdict: Verdict
+    findings: list[EffectFinding | FreeForm], limits: list[DetectionLimit], planner: Planner, verdict: Verdict
 ) -> NextTest | None:
     open_ties = [(f, tie) for f in findings for tie in f.ties if tie.separating_plan is not None]
     if open_ties:

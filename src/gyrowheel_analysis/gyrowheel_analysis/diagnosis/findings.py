@@ -140,7 +140,7 @@ class FreeForm:
     into a model file, under `name`. Both begin from the exponents and edges that were found. `places` has those
     `coefficients` that are shares of a reference as tilts [rad] and spin rates [rad/s]: edges, centres and widths.
     `simple` is the same law with whole exponents, where those found are whole within their errors (`whole`); it can be
-    added instead.
+    added instead. `ties` are other forms that describe the recordings as well, likeliest first.
     """
 
     formula: str
@@ -152,6 +152,35 @@ class FreeForm:
     places: dict[str, Estimate] = field(default_factory=dict)
     simple: str = ""
     whole: dict[str, int] = field(default_factory=dict)
+    ties: tuple[FormTie, ...] = ()
+
+
+@dataclass(frozen=True)
+class FormTie:
+    """A free form that describes the recordings as well as the one proposed.
+
+    Attributes
+    ----------
+    form : FreeForm
+        The form, fitted in the place of the other.
+    delta_chi2 : float
+        Loss in twice the log likelihood.
+    separating_plan : str or None
+        None where no shipped plan separates the two.
+    expected_separation, minutes : float or None
+        Expected difference of chi-squared after that plan, and its length.
+    """
+
+    form: FreeForm
+    delta_chi2: float
+    separating_plan: str | None
+    expected_separation: float | None
+    minutes: float | None
+
+    @property
+    def name(self) -> str:
+        """Name of the form."""
+        return self.form.name
 
 
 @dataclass(frozen=True)

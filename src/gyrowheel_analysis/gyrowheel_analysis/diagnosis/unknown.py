@@ -1,11 +1,12 @@
 """Free forms: formulas for an effect that no declaration describes.
 
-The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, bumps and
-resonances at one speed, dead zones in the tilt, torques that decay with time, gains of coils, motor and tilt sensors
-that depend on the speed, torques in proportion to a temperature, and coils whose torque is not in proportion to their
-voltage, turns with the speed, or brakes the spin; where laws with a memory are candidates also torques that lag behind
-the tilt, the speed or the temperature of the coils, or that the motion of the tilt pulls along. It answers two
-questions: whether there is an effect that the registered ones do not describe, and which formula describes it.
+The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, on a power of
+the tilt rate, bumps, resonances and changes at one speed, dead zones in the tilt, torques that decay with time, gains
+of coils, motor and tilt sensors that depend on the speed or on the square of a warming, torques in proportion to a
+temperature, and coils whose torque is not in proportion to their voltage, turns with the speed, or brakes the spin;
+where laws with a memory are candidates also torques that lag behind the tilt, the speed or the temperature of the
+coils, or that the motion of the tilt pulls along. It answers two questions: whether there is an effect that the
+registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -29,10 +30,12 @@ from gyrowheel_analysis.criteria import (
     FORM_GAIN,
     FORM_GAIN_FOR_SEVERAL,
     FORM_LOSS,
+    TIE_LOSS,
 )
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
     Selection,
+    Tie,
     expected_chi2,
     implausible,
     rank,
@@ -79,6 +82,7 @@ _r = Omega / Omega_ref
 _u = z / z_ref
 _square = z * sp.conjugate(z) / z_ref**2
 _size = sp.sqrt(z * sp.conjugate(z)) / z_ref
+_TURNING = Omega_ref / 250  # angular rate at which a tilt usually goes round
 
 
 @dataclass(frozen=True)
@@ -99,11 +103,11 @@ class Proposal:
 _SIZES = {
     "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05),
     "coils": (5.0e-5, 1.0e-3), "volts": (2.0e-4, 5.0e-3), "cube": (2.0e-6, 5.0e-5),
-    "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5),
+    "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5), "warming_square": (2.0e-5, 5.0e-4),
 }  # fmt: skip
 _UNITS = {
     "warming": "N*m/K", "gain": "1", "volts": "1/V^2", "cube": "N*m/V^3",
-    "per_volt": "N*m/V", "square": "N*m/V^2",
+    "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
 
@@ -162,6 +166,8 @@ _PLACES = {
     "resonance": {"p": _OF_SPEED},
     "mirrored_resonance": {"p": _OF_SPEED},
     "spin_bump": {"p": _OF_SPEED, "w": _OF_SPEED},
+    "tilt_beyond": {"p": _OF_SPEED, "w": _OF_SPEED},
+    "spin_beyond": {"p": _OF_SPEED, "w": _OF_SPEED},
     "dead_zone": {"p": _OF_TILT},
     "pulled": {"p": _OF_TILT},
 }
@@ -205,6 +211,15 @@ def forms() -> tuple[Term, ...]:
         result.append(_form(f"tilt_bump_{centre:g}", text, "rotor_torque", bump * _u, *shapes))
         text = "torque on the spin near one speed"
         result.append(_form(f"spin_bump_{centre:g}", text, "shaft_torque", bump, *shapes))
+        beyond = 1 / (1 + sp.exp((_p - _r) / _w))
+        shapes = (
+            _shape("p", centre, 0.05, "speed of the change over the reference speed"),
+            _shape("w", 0.03, 0.03, "width of the change over the reference speed", (0.003, 0.5)),
+        )
+        text = "torque in proportion to the tilt beyond one speed"
+        result.append(_form(f"tilt_beyond_{centre:g}", text, "rotor_torque", beyond * _u, *shapes))
+        text = "torque on the spin beyond one speed"
+        result.append(_form(f"spin_beyond_{centre:g}", text, "shaft_torque", beyond, *shapes))
         answer = 1 / (1 - (_r / _p) ** 2 + 2 * sp.I * _w * _r / _p)
         shapes = (
             _shape("p", centre, 0.05, "speed of the resonance over the reference speed"),
@@ -225,11 +240,12 @@ def forms() -> tuple[Term, ...]:
         power = _exponent("q", q, of_speed)
         text = "torque in a direction that is fixed in the case, speed^q"
         result.append(_form(f"fixed_power_{q}", text, "rotor_torque", _r**_q, power))
-    for q in (0, 2):
-        power = _exponent("q", q, of_speed)
-        text = "torque along or across the tilt rate, speed^q"
-        shape = z_rate / (z_ref * Omega_ref) * _r**_q
-        result.append(_form(f"rate_{q}", text, "rotor_torque", shape, power, sized="rate"))
+    for k, q in ((1, 0), (1, 2), (2, 0)):
+        exponents = _exponent("k", k, "tilt rate"), _exponent("q", q, of_speed)
+        swift = z_rate * sp.conjugate(z_rate) / (z_ref * _TURNING) ** 2
+        shape = z_rate / (z_ref * Omega_ref) * (swift + _TINY) ** ((_k - 1) / 2) * _r**_q
+        text = "torque along or across the tilt rate, |tilt rate|^k, speed^q"
+        result.append(_form(f"rate_{k}_{q}", text, "rotor_torque", shape, *exponents, sized="rate"))
     for q in (1, 3, 4):
         power = _exponent("q", q, of_speed)
         result.append(_form(f"spin_power_{q}", "torque on the shaft, speed^q", "shaft_torque", _r**_q, power))
@@ -259,6 +275,15 @@ def forms() -> tuple[Term, ...]:
         ):
             law = warmth * shape
             result.append(_form(f"{kind}_by_{name}", f"{text} {where}", target, law, sized="warming"))
+    for target, warmth, text in (
+        (
+            "coil_gain",
+            T_coil - T_ref,
+            "change of the torque per volt of the coils with the square of their warming",
+        ),
+        ("motor_gain", T_motor - T_ref, "change of the motor's constant with the square of its warming"),
+    ):
+        result.append(_form(f"{target}_warming", text, target, warmth**2, sized="warming_square"))
     law, power = V_coil * _r**_q, _exponent("q", 1, of_speed)
     text = "torque of the coils along or across that of their voltage, speed^q"
     result.append(_form("coil_turn_1", text, "rotor_torque", law, power, sized="per_volt"))
@@ -336,6 +361,11 @@ def family(problem: Problem, among: Sequence[Term]) -> list[Term]:
     ]
 
 
+def _pool(problem: Problem) -> list[Term]:
+    """Return the free forms that are tried on a problem."""
+    return family(problem, (*forms(), *memory_forms()) if problem.unknowns.memory else forms())
+
+
 def search(problem: Problem, selection: Selection, *, progress: Progress | None = None) -> Proposal | None:
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
@@ -346,7 +376,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """
     if progress:
         progress("comparing with forms that no declared effect has")
-    pool = family(problem, (*forms(), *memory_forms()) if problem.unknowns.memory else forms())
+    pool = _pool(problem)
     base = problem.evidence(selection.best)
     starts = [selection.best]
     chosen = selection.best.terms
@@ -511,6 +541,28 @@ def settled(problem: Problem, proposal: Proposal) -> Proposal:
             return found
         rest = problem.fit(tuple(t for t in fit.terms if t != failed), fit)
         found = Proposal(found.term, rest, found.gain)
+
+
+def alternatives(problem: Problem, proposal: Proposal) -> tuple[Tie, ...]:
+    """Return forms of other kinds that describe the rows as well in the place of the proposed one, likeliest first.
+
+    The loss of each is in twice the log likelihood, with the drifts that suit it best.
+    """
+    start = problem.fit(proposal.kept, proposal.fit)
+    kind, known = kind_of(proposal.term.name), problem.evidence(proposal.fit)
+    pool = [term for term in _pool(problem) if kind_of(term.name) != kind]
+    found: dict[str, Tie] = {}
+    for gain, term in _foremost(rank(problem, start, pool)):
+        if _hopeless(problem, proposal.fit, start, gain):
+            continue
+        fit = problem.fit((*start.terms, term), start)
+        if problem.evidence(fit) - known < 2.0 * TIE_LOSS:
+            fit = problem.refined(fit)
+        loss, own = problem.evidence(fit) - known, kind_of(term.name)
+        better = own not in found or loss < found[own].delta_chi2
+        if loss < TIE_LOSS and better and implausible(problem, fit) is None:
+            found[own] = Tie(term, loss, fit)
+    return tuple(sorted(found.values(), key=lambda tie: tie.delta_chi2))
 
 
 def cancelling(problem: Problem, fit: Fit) -> bool:

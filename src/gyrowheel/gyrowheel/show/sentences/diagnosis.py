@@ -23,7 +23,7 @@ from gyrowheel_core.quantities import decimal, interval, listed, pair, quantity,
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.estimates import Beyond, Estimate
-    from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, NextTest, TieReport
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding, FormTie, FreeForm, NextTest, TieReport
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.windows import MissedVoltages
 
@@ -44,6 +44,7 @@ def form_sentence(form: FreeForm) -> str:
     if "p" in at:
         within = f", within {at['w']} to either side" if "w" in at else ""
         text = text.replace("near one speed", f"near {at['p']}{within}")
+        text = text.replace("beyond one speed", f"beyond {at['p']}{within}")
     if "s" in found:
         text += f" (time constant {with_error(found['s'].value, found['s'].standard_error, 's')})"
     return text
@@ -191,9 +192,20 @@ def _unknown(found: Diagnosis) -> str:
     # what describes a part of something else looks like an effect
     like = "what looks like " if found.proof is not None and found.proof.proven is False else ""
     what = f"Besides {like}{known}, something" if known else "Something"
-    formula = f"; proposed formula: {form_sentence(found.free_form[0])}" if found.free_form else ""
+    formula = f"; proposed formula: {_formulas(found.free_form[0])}" if found.free_form else ""
     mapped = "; a map of the missing torque describes it" if found.map is not None else ""
     return f"{what} is missing that no known effect explains{formula.rstrip('.')}{mapped}."
+
+
+def _formulas(form: FreeForm) -> str:
+    """Return the proposed formula, and that others describe the recordings as well."""
+    text = form_sentence(form).rstrip(".")
+    if not form.ties:
+        return text
+    others = (
+        "another formula describes" if len(form.ties) == 1 else f"{len(form.ties)} other formulas describe"
+    )
+    return f"{text}; {others} these recordings as well"
 
 
 def _ties(found: Diagnosis) -> str:
@@ -314,13 +326,23 @@ def prior_sentences(effect: str, coefficients: Mapping[str, Estimate]) -> list[s
     return said
 
 
-def tie_sentence(tie: TieReport) -> str:
+def tie_sentence(tie: TieReport | FormTie) -> str:
     """Return an alternative to a finding, and the test that separates the two."""
-    text = f"could also be {named(tie)}: χ² is only {tie.delta_chi2:.1f} worse"
+    text = _loss(tie)
     if tie.separating_plan is not None:
         gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
         return f"{text}. Plan {tie.separating_plan} separates them{gain}."
     return f"{text}. No test on this bench separates them."
+
+
+def _loss(tie: TieReport | FormTie) -> str:
+    """Return an alternative, and how much less likely it is."""
+    from gyrowheel_analysis.diagnosis.findings import FormTie
+
+    if not isinstance(tie, FormTie):
+        return f"could also be {named(tie)}: χ² is only {tie.delta_chi2:.1f} worse"
+    less = f"χ² is only {tie.delta_chi2:.1f} worse" if tie.delta_chi2 > 0.05 else "χ² is no worse"
+    return f"could also be {tie.name}, {form_sentence(tie.form)}: {less}"
 
 
 def purpose(test: NextTest) -> str:
