@@ -441,7 +441,7 @@ def array_law(effect: Effect, index: int) -> Callable[[Mapping[str, Any]], Any]:
 
 @functools.lru_cache(maxsize=4096)
 def symbols_of(expression: sp.Expr) -> frozenset[sp.Symbol]:
-    """Return the symbols of an expression; SymPy collects them anew every time."""
+    """Return the symbols of an expression; SymPy collects them every time."""
     return frozenset(expression.free_symbols)
 
 
