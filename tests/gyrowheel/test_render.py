@@ -35,7 +35,12 @@ from gyrowheel.show.contract import diagnosis_json
 from gyrowheel.show.error_table import fall
 from gyrowheel.show.formulas import pretty
 from gyrowheel.show.layout import commands, figures_table, plain_text, words_table
-from gyrowheel.show.sentences.diagnosis import ERROR_TITLES, form_sentence, verdict_sentence
+from gyrowheel.show.sentences.diagnosis import (
+    ERROR_TITLES,
+    form_sentence,
+    prior_sentences,
+    verdict_sentence,
+)
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel_air.check import check_table
 from gyrowheel_air.table import TorqueTable
@@ -45,6 +50,7 @@ from gyrowheel_analysis.diagnosis.estimates import Beyond, Estimate
 from gyrowheel_analysis.diagnosis.findings import FormTie
 from gyrowheel_analysis.diagnosis.proof_result import ChannelCheck, Proof
 from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
+from gyrowheel_analysis.fitting.fit import Prior
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.windows import Coverage
 from gyrowheel_analysis.residuals.error_table import ErrorRow
@@ -446,6 +452,20 @@ def test_formulas_that_describe_the_recordings_as_well_are_shown_with_the_test_a
     (told,) = diagnosis_json(found)["free_form"]
     assert [tie["formula"] for tie in told["ties"]] == [other.formula] * 2
     assert [tie["separating_plan"] for tie in told["ties"]] == ["cone", None]
+
+
+def test_an_exponent_of_a_user_defined_effect_is_a_number_and_its_gain_a_part():
+    own = {
+        "q": Estimate(6.98, 0.55, "1", Prior(6.4, 1.0), (7.1, 0.6), "assumed"),
+        "g": Estimate(0.02, 0.001, "1"),
+    }
+    assert prior_sentences("mine", own) == [
+        "q is 7.10 ± 0.60 by the data alone; the estimate includes the prior 6.4 ± 1.0 (assumed)"
+    ]
+    found = diagnosis("effect", replace(finding("windage"), name="mine", coefficients=own))
+    shown = " ".join(text_of(rendered(found)).split())
+    assert "q 6.98 ± 0.55" in shown
+    assert "g 2.00 ± 0.10 %" in shown
 
 
 def test_free_forms_show_edges_in_degrees_and_fitted_exponents():

@@ -162,7 +162,7 @@ def _finding(finding: EffectFinding) -> Iterator[RenderableType]:
     yield Text.assemble(("\n" + finding.name, "bold cyan"), f"  {title(finding)}")
     body = words_table("", "")
     for name, estimate in finding.coefficients.items():
-        pure = is_pure(finding.name, name)
+        pure = is_pure(finding.name, name, estimate)
         shown = with_error(estimate.value, estimate.standard_error, estimate.unit, pure=pure)
         if finding.in_model is not None:
             of_model = finding.in_model[name]
@@ -241,7 +241,7 @@ def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:
 def coefficients_line(finding: EffectFinding) -> str:
     """Return the coefficients of a finding in one line."""
     return ", ".join(
-        f"{name} = {with_error(e.value, e.standard_error, e.unit, pure=is_pure(finding.name, name))}"
+        f"{name} = {with_error(e.value, e.standard_error, e.unit, pure=is_pure(finding.name, name, e))}"
         for name, e in finding.coefficients.items()
     )
 

@@ -44,7 +44,7 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
             Markup("{} = {}{}").format(
                 name,
                 cells.estimate(
-                    f"diagnosis.effects.{k}.coefficients.{name}", e.unit, pure=is_pure(effect.name, name)
+                    f"diagnosis.effects.{k}.coefficients.{name}", e.unit, pure=is_pure(effect.name, name, e)
                 ),
                 f" ({about[name]})" if about.get(name) else "",
             )

@@ -108,7 +108,7 @@ def findings(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
         place = f"diagnosis.effects.{k}"
         rows = []
         for name, estimate in effect.coefficients.items():
-            at, pure = f"{place}.coefficients.{name}", is_pure(effect.name, name)
+            at, pure = f"{place}.coefficients.{name}", is_pure(effect.name, name, estimate)
             model = ""
             if effect.in_model is not None:
                 model = cells.estimate(f"{place}.in_model.{name}", estimate.unit, pure=pure)

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects.grammar import Node, parts_of, unknown_names
 from gyrowheel_sim.effects.targets import TARGETS
+
+if TYPE_CHECKING:
+    from gyrowheel_analysis.diagnosis.estimates import Estimate
 
 _NAMES = {
     "Omega_ref": "Ω₀",
@@ -239,9 +243,13 @@ def _symbol(name: str) -> Markup:
     return Markup("<msub>{}{}</msub>").format(letter, tag.format(below))
 
 
-def is_pure(effect: str, coefficient: str) -> bool:
-    """Whether a coefficient without unit shapes the law of an effect (an exponent)."""
+def is_pure(effect: str, coefficient: str, estimate: Estimate | None = None) -> bool:
+    """Whether a coefficient without unit shapes the law of an effect (an exponent).
+
+    That of a user-defined effect is known by its `estimate`: only what shapes a law has a prior.
+    """
     from gyrowheel_sim.effects import registry
 
-    known = registry().get(effect)
-    return known is not None and any(c.name == coefficient for c in known.shapes)
+    if (known := registry().get(effect)) is None:
+        return estimate is not None and estimate.prior is not None
+    return any(c.name == coefficient for c in known.shapes)

@@ -288,7 +288,7 @@ def error_sentences(effect: str, coefficients: Mapping[str, Estimate]) -> list[s
             "bench": e.parts.bench,
             "effects too small to be seen": e.parts.undetected,
         }
-        text = interval(*e.parts.interval, parts, e.unit, pure=is_pure(effect, name))
+        text = interval(*e.parts.interval, parts, e.unit, pure=is_pure(effect, name, e))
         said.append(f"95 % interval of {name}: {text}")
     return said
 
@@ -312,7 +312,7 @@ def prior_sentences(effect: str, coefficients: Mapping[str, Estimate]) -> list[s
         if e.prior is None:
             continue
         prior, *data = (
-            with_error(*pair_of, e.unit, pure=is_pure(effect, name))
+            with_error(*pair_of, e.unit, pure=is_pure(effect, name, e))
             for pair_of in (e.prior, e.data)
             if pair_of
         )
