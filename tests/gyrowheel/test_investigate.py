@@ -16,7 +16,7 @@ from gyrowheel.investigation.page import end_sentence
 from gyrowheel.investigation.procedure import BROAD, Course, Step, learned, pursue
 from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.experiment_design import Discrimination, PrecisionTest, relative_error
-from gyrowheel_analysis.diagnosis.findings import NextTest
+from gyrowheel_analysis.diagnosis.findings import NextTest, TieReport
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
@@ -129,6 +129,24 @@ def test_an_unknown_effect_leads_to_one_run_of_the_broad_plan(scripted: Any):
     assert [list(step.plans) for step in done.steps] == [["check"], [BROAD]]
     assert done.settled
     assert "Proposed formula: rotor_torque = a*z^2" in done.steps[-1].learned[0]
+
+
+def test_formulas_that_describe_the_same_lead_to_the_test_that_separates_them(scripted: Any):
+    (form,) = UNKNOWN.free_form
+    tied = replace(
+        UNKNOWN,
+        free_form=(
+            replace(form, name="bump", ties=(TieReport("power", "", 3.0, "cone", 40.0, 0.5, form=form),)),
+        ),
+        next_test=NextTest("cone", 40.0, 0.5, separates=("bump", "power")),
+    )
+    done, listener = scripted([tied, tied, UNKNOWN])
+    assert listener.begun[2] == (["cone"], "separates bump from power")
+    assert done.settled
+    done, _ = scripted([tied] * 4)
+    assert [list(step.plans) for step in done.steps] == [["check"], [BROAD], ["cone"], ["cone"]]
+    assert not done.settled
+    assert "the tests do not separate the formulas" in done.reason
 
 
 def test_an_uncertain_coefficient_leads_to_a_precision_test(scripted: Any):

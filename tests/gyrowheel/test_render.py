@@ -47,7 +47,7 @@ from gyrowheel_air.table import TorqueTable
 from gyrowheel_analysis.channels import LISTED
 from gyrowheel_analysis.compare import ChannelMetrics
 from gyrowheel_analysis.diagnosis.estimates import Beyond, Estimate
-from gyrowheel_analysis.diagnosis.findings import FormTie
+from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_analysis.diagnosis.proof_result import ChannelCheck, Proof
 from gyrowheel_analysis.drag.estimate import Estimate as DragEstimate
 from gyrowheel_analysis.fitting.fit import Prior
@@ -442,7 +442,10 @@ def test_wrong_values_of_a_model_are_distinguished_from_missing_effects():
 def test_formulas_that_describe_the_recordings_as_well_are_shown_with_the_test_and_the_command():
     (form,) = UNKNOWN.free_form
     other = replace(form, name="lobes", formula="rotor_torque = a*conj(z)", description="torque with lobes")
-    ties = FormTie(other, 0.01, "cone", 40.0, 0.5), FormTie(other, 3.25, None, None, None)
+    ties = (
+        TieReport("lobes", "", 0.01, "cone", 40.0, 0.5, form=other),
+        TieReport("lobes", "", 3.25, None, None, None, form=other),
+    )
     found = replace(UNKNOWN, free_form=(replace(form, name="power", ties=ties),))
     shown = " ".join(text_of(rendered(found)).replace("│", " ").split())
     assert "2 other formulas describe these recordings as well" in shown

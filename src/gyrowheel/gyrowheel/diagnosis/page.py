@@ -216,7 +216,8 @@ def _free_form(form: FreeForm) -> Iterator[RenderableType]:
         yield command(f"--formula {shlex.quote(f'{form.name}: {form.simple}')}")
     for tie in form.ties:
         yield from sentences([tie_sentence(tie)])
-        yield command(f"--formula {shlex.quote(f'{tie.name}: {tie.form.formula}')}")
+        if tie.form is not None:
+            yield command(f"--formula {shlex.quote(f'{tie.name}: {tie.form.formula}')}")
 
 
 def _moved(nuisance: Mapping[str, Any]) -> Iterator[RenderableType]:

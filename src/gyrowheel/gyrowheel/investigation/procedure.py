@@ -319,6 +319,8 @@ def _next(
         test = found.next_test  # separates formulas
         if test is not None and fresh(test.plan):
             return Wanted(test.plan, purpose(test))
+        if found.free_form[0].ties:
+            return False, "no known effect explains it, and the tests do not separate the formulas that do"
         return True, "no known effect explains it, at any speed and tilt tried; the formula describes it"
     if found.verdict == "effect":
         from gyrowheel_analysis.diagnosis.experiment_design import precision_test

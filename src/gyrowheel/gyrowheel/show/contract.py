@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
     from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
     from gyrowheel_analysis.diagnosis.estimates import Estimate, Misstated
-    from gyrowheel_analysis.diagnosis.findings import EffectFinding, FormTie, InstrumentFinding, TieReport
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding, InstrumentFinding, TieReport
     from gyrowheel_analysis.diagnosis.proof_result import Proof
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
@@ -99,10 +99,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
                 "coefficients": _coefficients(form.coefficients),
                 "declaration": form.declaration,
                 "simple": form.simple or None,
-                "ties": [
-                    {**shown, "formula": tie.form.formula}
-                    for shown, tie in zip(_ties(form.ties), form.ties, strict=True)
-                ],
+                "ties": _ties(form.ties),
             }
             for form in found.free_form
         ],
@@ -233,8 +230,12 @@ def _instrument(finding: InstrumentFinding) -> dict[str, Any]:
     }
 
 
-def _ties(ties: Sequence[TieReport | FormTie]) -> list[dict[str, Any]]:
-    return [_picked(tie, "name delta_chi2 separating_plan expected_separation") for tie in ties]
+def _ties(ties: Sequence[TieReport]) -> list[dict[str, Any]]:
+    return [
+        _picked(tie, "name delta_chi2 separating_plan expected_separation")
+        | ({} if tie.form is None else {"formula": tie.form.formula})
+        for tie in ties
+    ]
 
 
 def _region(region: Region) -> dict[str, Any]:

@@ -38,7 +38,6 @@ from gyrowheel_analysis.diagnosis.experiment_design import Planner, Separation, 
 from gyrowheel_analysis.diagnosis.explanation import Explanation, explained
 from gyrowheel_analysis.diagnosis.findings import (
     EffectFinding,
-    FormTie,
     FreeForm,
     InstrumentFinding,
     NextTest,
@@ -49,7 +48,7 @@ from gyrowheel_analysis.diagnosis.limits import beyond, unusual
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.diagnosis.result import Diagnosis, Verdict
-from gyrowheel_analysis.diagnosis.selection import Finding
+from gyrowheel_analysis.diagnosis.selection import Finding, Tie
 from gyrowheel_analysis.diagnosis.support import supported
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts
 from gyrowheel_analysis.diagnosis.unknown import (
@@ -307,19 +306,10 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     data = window_residuals(problem.balances, windows, alone, problem.noise)
     ties = []
     for tie in finding.ties:
-        useful = _useful(planner, best, tie.fit)
-        ties.append(
-            TieReport(
-                tie.term.name,
-                tie.term.effect.title if tie.term.effect else "",
-                tie.delta_chi2,
-                useful.plan if useful else None,
-                useful.expected if useful else None,
-                useful.minutes if useful else None,
-                in_model=tie.term.name in problem.unknowns.known,
-                unusual=bool(unusual(tie.fit, tie.term)),
-            )
-        )
+        known = tie.term.name in problem.unknowns.known
+        name = tie.term.effect.title if tie.term.effect else ""
+        own = _tie(planner, best, tie, tie.term.name, title=name)
+        ties.append(replace(own, in_model=known, unusual=bool(unusual(tie.fit, tie.term))))
     return EffectFinding(
         name=term.name,
         effect_title=term.effect.title if term.effect else "",
@@ -368,10 +358,12 @@ def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
     return found
 
 
-def _useful(planner: Planner, best: Fit, rival: Fit) -> Separation | None:
-    """Return the plan that separates two fits; None where none does."""
-    found = planner.best(best, rival)
-    return found if found and found.expected >= USEFUL_SEPARATION else None
+def _tie(planner: Planner, best: Fit, tie: Tie, name: str, title: str = "") -> TieReport:
+    """Return a term that explains the recordings as well, and the plan that separates the two; none if none does."""
+    found = planner.best(best, tie.fit)
+    if found is None or found.expected < USEFUL_SEPARATION:
+        return TieReport(name, title, tie.delta_chi2, None, None, None)
+    return TieReport(name, title, tie.delta_chi2, found.plan, found.expected, found.minutes)
 
 
 def _with_ties(proposal: Proposal, problem: Problem, planner: Planner) -> FreeForm:
@@ -379,9 +371,7 @@ def _with_ties(proposal: Proposal, problem: Problem, planner: Planner) -> FreeFo
     ties = []
     for tie in alternatives(problem, proposal):
         form = _free_form(Proposal(tie.term, tie.fit, proposal.gain - tie.delta_chi2), problem)
-        useful = _useful(planner, proposal.fit, tie.fit)
-        plan, expected, minutes = (useful.plan, useful.expected, useful.minutes) if useful else (None,) * 3
-        ties.append(FormTie(form, tie.delta_chi2, plan, expected, minutes))
+        ties.append(replace(_tie(planner, proposal.fit, tie, form.name), form=form))
     return replace(_free_form(proposal, problem), ties=tuple(ties))
 
 

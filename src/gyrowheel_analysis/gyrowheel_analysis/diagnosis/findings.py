@@ -17,11 +17,11 @@ class TieReport:
     Attributes
     ----------
     name : str
-        The term: an effect, or the error of a bench parameter (see `fitting.fit.ERRORS`).
+        The term: an effect, the error of a bench parameter (see `fitting.fit.ERRORS`), or a free form.
     effect_title : str
-        Title of the effect; empty for the error of a bench parameter.
+        Title of the effect; empty for the error of a bench parameter and for a form.
     delta_chi2 : float
-        Excess of its chi-squared.
+        Excess of its chi-squared; of a form that of twice the log likelihood.
     separating_plan : str or None
         None where no shipped plan separates the two.
     expected_separation, minutes : float or None
@@ -30,6 +30,8 @@ class TieReport:
         Whether the model has the effect already, with another size.
     unusual : bool
         Whether it would need far more than its usual size.
+    form : FreeForm, or None
+        The free form, fitted in the place of the other.
     """
 
     name: str
@@ -40,6 +42,7 @@ class TieReport:
     minutes: float | None
     in_model: bool = False
     unusual: bool = False
+    form: FreeForm | None = None
 
 
 @dataclass(frozen=True)
@@ -152,35 +155,7 @@ class FreeForm:
     places: dict[str, Estimate] = field(default_factory=dict)
     simple: str = ""
     whole: dict[str, int] = field(default_factory=dict)
-    ties: tuple[FormTie, ...] = ()
-
-
-@dataclass(frozen=True)
-class FormTie:
-    """A free form that describes the recordings as well as the one proposed.
-
-    Attributes
-    ----------
-    form : FreeForm
-        The form, fitted in the place of the other.
-    delta_chi2 : float
-        Loss in twice the log likelihood.
-    separating_plan : str or None
-        None where no shipped plan separates the two.
-    expected_separation, minutes : float or None
-        Expected difference of chi-squared after that plan, and its length.
-    """
-
-    form: FreeForm
-    delta_chi2: float
-    separating_plan: str | None
-    expected_separation: float | None
-    minutes: float | None
-
-    @property
-    def name(self) -> str:
-        """Name of the form."""
-        return self.form.name
+    ties: tuple[TieReport, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -153,6 +153,10 @@ def _shape(
     return Coefficient(name, "1", description, usual, bounds, "fitted", shape=value, shape_uncertainty=spread)
 
 
+def _at(what: str, centre: float) -> Coefficient:
+    return _shape("p", centre, 0.05, f"speed of the {what} over the reference speed")
+
+
 def _exponent(name: str, value: float, of: str) -> Coefficient:
     # a torque may fall with the speed, but none is infinite at an upright rotor
     bounds = (-4.0 if of == "speed" else 0.0, 8.0)
@@ -201,36 +205,25 @@ def forms() -> tuple[Term, ...]:
         shape = _u * (_square + _TINY) ** ((_k - 1) / 2) * _r**_q
         text = "torque along or across the tilt, |tilt|^k, speed^q"
         result.append(_form(f"power_{k}_{q}", text, "rotor_torque", shape, *exponents))
+    mirrored = sp.conjugate(_u)
+    resonates = "torque of a part that resonates near one speed, in proportion to"
     for centre in (0.3, 0.37, 0.45, 0.53, 0.6, 0.68, 0.76, 0.84, 0.92, 1.0, 1.08):
-        bump = sp.exp(-(((_r - _p) / _w) ** 2))
-        shapes = (
-            _shape("p", centre, 0.05, "speed of the bump over the reference speed"),
-            _shape("w", 0.12, 0.03, "width of the bump over the reference speed"),
-        )
-        text = "torque along the tilt near one speed"
-        result.append(_form(f"tilt_bump_{centre:g}", text, "rotor_torque", bump * _u, *shapes))
-        text = "torque on the spin near one speed"
-        result.append(_form(f"spin_bump_{centre:g}", text, "shaft_torque", bump, *shapes))
-        beyond = 1 / (1 + sp.exp((_p - _r) / _w))
-        shapes = (
-            _shape("p", centre, 0.05, "speed of the change over the reference speed"),
-            _shape("w", 0.03, 0.03, "width of the change over the reference speed", (0.003, 0.5)),
-        )
-        text = "torque in proportion to the tilt beyond one speed"
-        result.append(_form(f"tilt_beyond_{centre:g}", text, "rotor_torque", beyond * _u, *shapes))
-        text = "torque on the spin beyond one speed"
-        result.append(_form(f"spin_beyond_{centre:g}", text, "shaft_torque", beyond, *shapes))
-        answer = 1 / (1 - (_r / _p) ** 2 + 2 * sp.I * _w * _r / _p)
-        shapes = (
-            _shape("p", centre, 0.05, "speed of the resonance over the reference speed"),
-            _shape("w", 0.05, 0.03, "damping of the resonance over the critical one", (0.005, 0.5)),
-        )
-        text = "torque of a part that resonates near one speed, in proportion to the tilt"
-        result.append(_form(f"resonance_{centre:g}", text, "rotor_torque", answer * _u, *shapes))
-        # one that resonates about one axis only answers to the mirrored tilt as well
-        text = "torque of a part that resonates near one speed, in proportion to the mirrored tilt"
-        mirrored = answer * sp.conjugate(_u)
-        result.append(_form(f"mirrored_resonance_{centre:g}", text, "rotor_torque", mirrored, *shapes))
+        around = _shape("w", 0.12, 0.03, "width of the bump over the reference speed")
+        bump = sp.exp(-(((_r - _p) / _w) ** 2)), _at("bump", centre), around
+        during = _shape("w", 0.03, 0.03, "width of the change over the reference speed", (0.003, 0.5))
+        beyond = 1 / (1 + sp.exp((_p - _r) / _w)), _at("change", centre), during
+        damping = _shape("w", 0.05, 0.03, "damping of the resonance over the critical one", (0.005, 0.5))
+        answer = 1 / (1 - (_r / _p) ** 2 + 2 * sp.I * _w * _r / _p), _at("resonance", centre), damping
+        for name, text, target, (shape, *shapes), direction in (
+            ("tilt_bump", "torque along the tilt near one speed", "rotor_torque", bump, _u),
+            ("spin_bump", "torque on the spin near one speed", "shaft_torque", bump, sp.S.One),
+            ("tilt_beyond", "torque in proportion to the tilt beyond one speed", "rotor_torque", beyond, _u),
+            ("spin_beyond", "torque on the spin beyond one speed", "shaft_torque", beyond, sp.S.One),
+            ("resonance", f"{resonates} the tilt", "rotor_torque", answer, _u),
+            # one that resonates about one axis only answers to the mirrored tilt as well
+            ("mirrored_resonance", f"{resonates} the mirrored tilt", "rotor_torque", answer, mirrored),
+        ):
+            result.append(_form(f"{name}_{centre:g}", text, target, shape * direction, *shapes))
     for edge in (0.1, 0.2, 0.3, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65):
         zone = sp.Max(_size - _p, 0) * _u / (_size + sp.Float(1e-9))
         begins = _shape("p", edge, 0.04, "tilt where it begins over the reference tilt")

@@ -23,7 +23,7 @@ from gyrowheel_core.quantities import decimal, interval, listed, pair, quantity,
 
 if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.estimates import Beyond, Estimate
-    from gyrowheel_analysis.diagnosis.findings import EffectFinding, FormTie, FreeForm, NextTest, TieReport
+    from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, NextTest, TieReport
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.windows import MissedVoltages
 
@@ -326,23 +326,16 @@ def prior_sentences(effect: str, coefficients: Mapping[str, Estimate]) -> list[s
     return said
 
 
-def tie_sentence(tie: TieReport | FormTie) -> str:
+def tie_sentence(tie: TieReport) -> str:
     """Return an alternative to a finding, and the test that separates the two."""
-    text = _loss(tie)
+    what = named(tie) if tie.form is None else f"{tie.name}, {form_sentence(tie.form)}"
+    # a form may turn out likelier than the one that was proposed by its first fit
+    worse = f"only {tie.delta_chi2:.1f}" if tie.form is None or tie.delta_chi2 > 0.05 else "no"
+    text = f"could also be {what}: χ² is {worse} worse"
     if tie.separating_plan is not None:
         gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
         return f"{text}. Plan {tie.separating_plan} separates them{gain}."
     return f"{text}. No test on this bench separates them."
-
-
-def _loss(tie: TieReport | FormTie) -> str:
-    """Return an alternative, and how much less likely it is."""
-    from gyrowheel_analysis.diagnosis.findings import FormTie
-
-    if not isinstance(tie, FormTie):
-        return f"could also be {named(tie)}: χ² is only {tie.delta_chi2:.1f} worse"
-    less = f"χ² is only {tie.delta_chi2:.1f} worse" if tie.delta_chi2 > 0.05 else "χ² is no worse"
-    return f"could also be {tie.name}, {form_sentence(tie.form)}: {less}"
 
 
 def purpose(test: NextTest) -> str:
