@@ -31,6 +31,7 @@ from gyrowheel.workbench.library import ROLES, Envelope, Library, Opened, envelo
 from gyrowheel.workbench.report import before
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.session import Session, Step
+from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
 from gyrowheel_analysis.reduction.windows import Coverage
@@ -651,6 +652,10 @@ def test_the_page_shows_every_part_of_a_diagnosis(wheel: Wheel) -> None:
     shown = part(replace(UNKNOWN, free_form=(replace(form, name="form", simple="rotor_torque = a*z^2"),)))
     assert 'data-text="form: rotor_torque = a*z^2"' in shown
     assert "Add the simple law" in shown
+    other = TieReport("lobes", "", 3.0, "cone", 40.0, 0.5, form=replace(form, name="lobes"))
+    shown = part(replace(UNKNOWN, free_form=(replace(form, name="form", ties=(other,)),)))
+    assert "could also be lobes" in shown
+    assert 'data-text="lobes: rotor_torque = a*z^2">Add lobes<' in shown
 
 
 def test_script_in_the_titles_of_a_model_is_text(wheel: Wheel, tmp_path: Path) -> None:

@@ -214,6 +214,7 @@ def forms(found: Diagnosis, cells: Cells) -> list[dict[str, Any]]:
                     cells.shown(f"{place}.ties.{n}", tie_sentence(tie), "tie")
                     for n, tie in enumerate(form.ties)
                 ],
+                "others": [(tie.name, f"{tie.name}: {tie.form.formula}") for tie in form.ties if tie.form],
             }
         )
     return items
