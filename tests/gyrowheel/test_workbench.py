@@ -34,7 +34,7 @@ from gyrowheel.workbench.session import Session, Step
 from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
-from gyrowheel_analysis.reduction.windows import Coverage
+from gyrowheel_analysis.reduction.windows import HARMONICS, Coverage
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.mislabelled import Fix, WrongSetup
 from gyrowheel_sim.bench import Bench
@@ -173,6 +173,32 @@ def test_windows_and_sentences_of_a_cell_of_the_map(compared: Session) -> None:
     assert [own["share"] for own in whole["said"]] == [r.share_of_chi2 for r in comparison.where]
     with pytest.raises(gw.InputError, match="windows: must be of 0"):
         windows.region(compared, [len(data.windows)])
+
+
+def test_the_spectrum_by_order_names_its_lines_and_what_is_measured(compared: Session) -> None:
+    """The joint gives the motor a torque twice a turn; at the orders of the model the coils have its residual."""
+    comparison = compared.step.comparison
+    assert comparison is not None
+    motor = residual.orders(compared, "spin", [])
+    (line,) = motor["lines"]
+    assert line["title"] == "motor torque by its current, mN·m: measured"
+    assert "clearest first: order 2: " in motor["said"]
+    size = max(line["amplitude"])
+    assert motor["order"][line["amplitude"].index(size)] == 2.0
+    # the amplitude of the reduction at that order, whose windows are the same samples
+    w = comparison.data.windows
+    known = 2.0 * np.abs(w.current_harmonics[:, HARMONICS.index(2), 0]) * 1e3
+    known *= compared.step.model.bench.value("motor_constant")
+    assert known.min() < size < known.max()
+    coils = residual.orders(compared, "tilt", [0, 1])
+    assert [own["title"].partition(": ")[2] for own in coils["lines"]] == [
+        "measured; residual at 1, 2",
+        "measured",
+    ]
+    assert "in the 2 chosen windows" in coils["said"]
+    for channel, chosen, said in (("tlt", [], "did you mean tilt"), ("tilt", [99], "windows: must be of 0")):
+        with pytest.raises(gw.InputError, match=said):
+            residual.orders(compared, channel, chosen)
 
 
 def test_the_first_picture_is_of_the_worst_channel_over_the_variable_that_tells_most(

@@ -314,6 +314,12 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         assert added is not None
         assert added.error.validation_after is not None
         assert after == pytest.approx(added.error.validation_after.chi2_per_n, rel=5e-3)
+        # the spectrum by order of the rotation, from the samples, says what is measured and what is residual
+        press(first.locator("[data-view=order]"))
+        expect(first.locator("#residual-said")).to_contain_text("blocks of 8 turns in all")
+        expect(first.locator("#residual canvas").first).to_be_visible()
+        assert faults(first) == []
+        press(first.locator("[data-view=over]"))
         # a reload keeps all, undo brings the model back, on both pages
         first.reload()
         expect(first.locator("#part-model .card")).to_contain_text("windage")

@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal, stats
 
+from gyrowheel.workbench.library import ROLES
 from gyrowheel.workbench.session import Session
-from gyrowheel_analysis.channels import CHANNELS, LISTED
+from gyrowheel_analysis.channels import CHANNELS, LISTED, Quantity
 from gyrowheel_analysis.compare import Comparison
 from gyrowheel_analysis.residuals.error_table import Part, Residuals
+from gyrowheel_analysis.residuals.orders import TURNS, OrderSpectrum, order_spectrum
+from gyrowheel_core.errors import InputError, nearest
+from gyrowheel_core.quantities import number
 from gyrowheel_core.units import Unit, unit_for
 
 Array = NDArray[np.float64]
@@ -28,6 +32,16 @@ _MOTION: Mapping[str, Callable[[Residuals], Array]] = {
     "spin rate": lambda own: own.spin_rate,
 }
 _FEWEST = 4  # windows of a statistic
+#: What the samples show of a quantity, in a title.
+_SHOWN: Mapping[Quantity, str] = {
+    "coil_torque": "coil torque",
+    "motor_torque": "motor torque by its current",
+    "shaft_torque": "motor torque by its current",
+    "motor_voltage": "motor voltage",
+    "winding_voltage": "motor voltage",
+    "encoder_angle": "angle reading",
+}
+_MOST_LINES = 5  # of a spectrum over order, in words
 _PARTS = {"average": (" x", " y"), "revolution": (", real part", ", imaginary part")}
 
 
@@ -192,3 +206,67 @@ def spectrum(pieces: Sequence[tuple[Array, Array]]) -> dict[str, Any]:
     free = 2 * len(long)
     level = float(stats.chi2.ppf(0.95 ** (1.0 / len(frequency)), free)) / free
     return {"frequency": frequency.round(6).tolist(), "power": power.round(4).tolist(), "level": level}
+
+
+def orders(session: Session, channel: str, chosen: Sequence[int]) -> dict[str, Any]:
+    """Return the spectrum of the quantity of a channel over the order of the rotation, in some windows; empty: in all.
+
+    ``lines`` are one or two spectra: title, amplitudes, and the level that noise seldom exceeds, in ``unit``.
+    """
+    found = session.step.comparison
+    if found is None:
+        raise InputError("orders: nothing is compared yet")
+    if channel not in found.data.parts:
+        raise InputError(f"channel: {channel[:60]!r} is not known; {nearest(channel, found.data.parts)}")
+    count = len(found.data.windows)
+    if not all(0 <= k < count for k in chosen):
+        raise InputError(f"windows: must be of 0 .. {count - 1}")
+    recordings = [own.data for own in session.used(ROLES[0])]
+    kind = CHANNELS[channel]
+    own = order_spectrum(
+        recordings, found.data, kind.quantity, session.step.model.bench, list(chosen) or None
+    )
+    unit = unit_for(float(np.max(own.forward, initial=0.0)) or 1.0, kind.unit)
+    name = f"{_SHOWN[kind.quantity]}, {unit.label}"
+    kept = f"measured; residual at {', '.join(map(str, own.predicted))}" if own.predicted else "measured"
+    lines = [(f"{name}: {kept}", own.forward, own.forward_level)]
+    if len(own.backward):
+        lines = [
+            (f"{name}, with the rotor: {kept}", own.forward, own.forward_level),
+            ("against the rotor: measured", own.backward, own.backward_level),
+        ]
+    return {
+        "order": own.order.tolist(),
+        "lines": [
+            {"title": title, "amplitude": _rounded(values / unit.size), "level": _rounded(level / unit.size)}
+            for title, values, level in lines
+        ],
+        "said": _orders_said(own, len(chosen), count, unit),
+    }
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{v:.5g}") for v in values]
+
+
+def _orders_said(own: OrderSpectrum, chosen: int, count: int, unit: Unit) -> str:
+    """Return what is drawn, and the lines that stand out, in sentences."""
+    if not own.blocks:
+        return f"Too few whole turns: a spectrum needs windows of {TURNS} turns without a missing sample."
+    which = f"the {chosen} chosen windows" if chosen else f"all {count} windows"
+    out = f", {own.left_out} left out (too short, or samples are missing)" if own.left_out else ""
+    peaks = [
+        (values[k] / level[k], f"{own.order[k]:g}{side}: {number(values[k] / unit.size, 3)} {unit.label}")
+        for values, level, side in (
+            (own.forward, own.forward_level, ""),
+            (own.backward, own.backward_level, " against the rotor"),
+        )
+        for k in signal.find_peaks(np.r_[0.0, values, 0.0])[0] - 1
+        if values[k] > level[k]
+    ]
+    clear = [said for _, said in sorted(peaks, reverse=True)[:_MOST_LINES]]
+    lines = f"Above the level, clearest first: order {'; '.join(clear)}." if clear else "No order stands out."
+    return (
+        f"{lines} Dashed: the level that noise like that of the neighbouring orders exceeds in 5 of 100 spectra. "
+        f"{own.blocks} blocks of {TURNS} turns in {which}{out}."
+    )

@@ -30,6 +30,7 @@ from gyrowheel.show.html import style_sheet
 from gyrowheel.workbench import pictures, views, windows
 from gyrowheel.workbench.benches import FRAME
 from gyrowheel.workbench.derived import channel
+from gyrowheel.workbench.residual import orders
 from gyrowheel.workbench.session import Session
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
@@ -403,6 +404,7 @@ class _Action(_Guarded):
             "derive": lambda: session.derive(given["text"]),
             "underive": lambda: session.underive(given["text"]),
             "region": lambda: windows.region(session, _numbers(given["windows"])),
+            "orders": lambda: orders(session, given["channel"], _numbers(given["windows"])),
             "add_formula": lambda: session.add(given["text"], formula=True),
             "test": lambda: session.test(given["plan"], given.get("bench", "")),
             "map_table": lambda: session.map_table(given, take="take" in given),

@@ -1,6 +1,6 @@
 // The residual of a channel: measured and predicted, and what is left with its noise, over any variable; and whether it is noise.
 
-import { P, at, colours, css, element, hear, now, put, themed } from "./shared.js";
+import { P, at, colours, css, element, hear, now, put, send, themed } from "./shared.js";
 import { shown } from "./signals.js";
 import { channel, link, walk, windows } from "./windows.js";
 
@@ -8,7 +8,7 @@ const TURN = 73; // angles at which a turn is drawn
 let drawn = ""; // what is drawn, with the choices
 let row = 0; // number of the row of a channel
 let over = "time";
-let view = "over"; // or "noise"
+let view = "over"; // or "order", "noise"
 let other = "itself"; // what noise is correlated with
 let line = null; // at the cursor, where time is drawn
 let picked = [];
@@ -39,7 +39,7 @@ hear("channel", () => {
 });
 hear("picked", (windows) => {
   picked = windows;
-  if (over === "angle" && view === "over") showResidual();
+  if (ofChosen()) showResidual();
 });
 hear("cursor", ({ time }) => line?.setv({ location: time, visible: true }));
 at("residual").addEventListener("keydown", walk);
@@ -53,6 +53,9 @@ function slide() {
   const { source, before, after } = ends;
   source.data = { ...source.data, residual: after.map((own, k) => before[k] + part * (own - before[k])) };
 }
+
+// Whether what is drawn is of the chosen windows alone.
+const ofChosen = () => view === "order" || (view === "over" && over === "angle");
 
 let seen = null;
 let variables = []; // with their titles
@@ -79,10 +82,12 @@ export function showResidual(again = false) {
     at("residual-over").replaceChildren(...choices.map(([value, title]) => element("option", title, { value })));
   }
   at("residual-over").value = view === "over" ? over : other;
+  at("residual-over").parentElement.hidden = view === "order";
   showModels(own);
-  const mark = JSON.stringify([own, drawnOthers(own), over, other, view, over === "time" ? shown()?.key : null, over === "angle" ? picked : null]);
+  const mark = JSON.stringify([own, drawnOthers(own), over, other, view, over === "time" ? shown()?.key : null, ofChosen() ? picked : null, view === "order" ? now.found.facts : null]);
   if (mark === drawn && !again) return;
   drawn = mark;
+  asked++;
   line = null;
   ends = null;
   at("residual-slider").hidden = true;
@@ -91,6 +96,7 @@ export function showResidual(again = false) {
   at("residual-said").textContent = "";
   if (!own) return;
   if (view === "noise") noise(own);
+  else if (view === "order") byOrder(own);
   else if (over === "angle") turn(rows);
   else against(own);
 }
@@ -239,6 +245,50 @@ function turn(rows) {
   });
   put("residual", new Bokeh.Column({ children: figures, sizing_mode: "stretch_both" }));
   at("residual-said").textContent = `Sum of the parts once and twice a turn, mean of ${picked.length ? `the ${picked.length} chosen` : "all"} windows.`;
+}
+
+// By the order of the rotation, in the chosen windows or in all: computed from the samples when it is looked at.
+let asked = 0;
+async function byOrder(own) {
+  const mine = asked;
+  at("residual-said").textContent = "Reading the samples …";
+  let found;
+  try {
+    found = await send("orders", { channel: own.channel, windows: picked.join(",") });
+  } catch (error) {
+    found = { lines: [], said: error.message };
+  }
+  if (mine !== asked) return; // something else is shown by now
+  at("residual-said").textContent = found.said;
+  const x_range = new Bokeh.Range1d({ start: 0, end: found.order?.at(-1) ?? 1 });
+  const all = found.lines.flatMap(({ amplitude, level }) => [...amplitude, ...level]);
+  const y_range = new Bokeh.Range1d({ start: 0.7 * Math.min(...all), end: 1.5 * Math.max(...all) });
+  const ticks = logTicks(y_range.start, y_range.end);
+  const made = found.lines.map(({ title, amplitude, level }, k) => {
+    const colour = colours()[k];
+    const source = new Bokeh.ColumnDataSource({ data: { x: found.order, y: amplitude, level } });
+    const clear = [...amplitude.keys()].filter((i) => amplitude[i] > level[i]);
+    const marks = new Bokeh.ColumnDataSource({ data: { x: clear.map((i) => found.order[i]), y: clear.map((i) => amplitude[i]) } });
+    const each = figure({ title, x_range, y_range, y_axis_type: "log" });
+    each.below[0].ticker.desired_num_ticks = 11;
+    each.left[0].ticker = new Bokeh.FixedTicker({ ticks, minor_ticks: [] });
+    each.left[0].formatter = new Bokeh.BasicTickFormatter();
+    each.line({ field: "x" }, { field: "level" }, { source, line_color: css("--soft"), line_width: 1.5, line_dash: "dashed" });
+    each.line({ field: "x" }, { field: "y" }, { source, line_color: colour, line_width: 1.5 });
+    each.scatter({ field: "x" }, { field: "y" }, { source: marks, size: 7, fill_color: colour, line_color: null });
+    if (k === found.lines.length - 1) each.below[0].axis_label = "order, per turn of the shaft";
+    return themed(each);
+  });
+  put("residual", made.length && all.length ? new Bokeh.Column({ children: made, sizing_mode: "stretch_both" }) : null);
+}
+
+// Numbers for a logarithmic axis: 1, 2 and 5 in every decade, of many decades its ends alone.
+function logTicks(low, high) {
+  const [first, last] = [low, high].map((own) => Math.floor(Math.log10(own)));
+  const steps = last - first < 2 ? [1, 2, 5] : [1];
+  const every = Math.max(1, Math.ceil((last - first) / 4));
+  const decades = Array.from({ length: Math.max(last - first + 1, 0) }, (_, k) => first + k).filter((power) => power % every === 0);
+  return decades.flatMap((power) => steps.map((step) => step * 10 ** power));
 }
 
 // Whether the residual is noise: order in time, frequency, distribution. All in units of the noise.
