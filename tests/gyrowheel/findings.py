@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gyrowheel.campaigns.judge import Judged
+from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
 from gyrowheel_analysis.diagnosis.estimates import DetectionLimit, Estimate, NuisanceEstimate
 from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, NextTest, TieReport
 from gyrowheel_analysis.diagnosis.result import Diagnosis
@@ -16,6 +17,7 @@ from gyrowheel_analysis.residuals.growth import Growth
 from gyrowheel_analysis.residuals.maps import Look, Region
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.effects import get
+from gyrowheel_sim.effects.torque_map import MapRange, MapTerm, torque_map
 
 WINDAGE = {"w": 1.0e-3, "n": 1.5}
 
@@ -101,6 +103,29 @@ UNKNOWN = diagnosis(
             "It grows with the tilt squared.",
         ),
     ),
+)
+#: A map with a slope in the tilt on the rotor, and a constant and a slope in the speed on the shaft.
+MAP = CorrectionMap(
+    torque_map(
+        "map",
+        [
+            MapTerm("rotor_torque", 1, 0, 0, 0),
+            MapTerm("shaft_torque", 0, 0, 0, 0),
+            MapTerm("shaft_torque", 0, 0, 0, 1),
+        ],
+        MapRange((150.0, 370.0), 0.054, (293.0, 303.0), (293.0, 303.0)),
+        modes=[(1e-5, 0.0, 0.0, 0.0), (0.0, 2e-5, 0.0, 0.0), (0.0, 0.0, 3e-6, 4e-6)],
+    ),
+    values={"x100_00": 3e-4, "y100_00": -4e-4, "c000_00": 1e-4, "c000_10": -5e-5},
+    errors={"x100_00": 1e-5, "y100_00": 2e-5, "c000_00": 3e-6, "c000_10": 4e-6},
+    effects={},
+    gain=300.0,
+    orthogonal=True,
+    dependence=(),
+    leading=(),
+    nearest="",
+    nearest_share=0.0,
+    error=TABLE,
 )
 AMBIGUOUS = diagnosis(
     "ambiguous",

@@ -31,6 +31,7 @@ from gyrowheel.workbench.library import ROLES, Envelope, Library, Opened, envelo
 from gyrowheel.workbench.report import before
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.session import Session, Step
+from gyrowheel.workbench.torque_map import torque_maps
 from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.reduction.instrument_readings import ReadingFinding
@@ -42,7 +43,7 @@ from gyrowheel_sim.effects import effect_to_mapping
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .conftest import Wheel
-from .findings import UNKNOWN, diagnosis, finding
+from .findings import MAP, UNKNOWN, diagnosis, finding
 from .helpers import SHORT_PLAN, ask, write
 from .lab_tables import lab_table
 
@@ -682,6 +683,28 @@ def test_the_page_shows_every_part_of_a_diagnosis(wheel: Wheel) -> None:
     shown = part(replace(UNKNOWN, free_form=(replace(form, name="form", ties=(other,)),)))
     assert "could also be lobes" in shown
     assert 'data-text="lobes: rotor_torque = a*z^2">Add lobes<' in shown
+
+
+def test_the_map_of_the_missing_torque_has_its_standard_deviation() -> None:
+    session = Session(Library([]), gw.Model())
+    assert torque_maps(session) == []
+    session.steps = [replace(session.step, diagnosis=Diagnosis.of(replace(UNKNOWN, map=MAP)))]
+    rotor, shaft = torque_maps(session)
+    assert (rotor["target"], rotor["unit"], shaft["title"]) == ("rotor_torque", "mN·m", "torque on the shaft")
+    tilt = np.array(rotor["x"]) + 1j * np.array(rotor["y"])
+    assert np.abs(tilt).max() <= np.degrees(MAP.effect.within.tilt)
+    share = np.radians(np.abs(tilt)) / MAP.effect.within.tilt
+    at = rotor["speeds"][2]
+    size = np.hypot(at["value_x"], at["value_y"])
+    np.testing.assert_allclose(size, 0.5 * share, atol=1e-3)  # 3 and 4 parts
+    np.testing.assert_allclose(at["sigma"], np.hypot(0.01, 0.02) * share, atol=1e-4)
+    assert at["shape"] == pytest.approx(0.0, abs=1e-6)  # a slope, which the bench may have as well
+    # over the speed the constant and the slope of the shaft add up, and so do their errors, which are one
+    low, high = shaft["speeds"][0], shaft["speeds"][-1]
+    scale = {"µN·m": 1e-6, "mN·m": 1e-3}[shaft["unit"]]
+    assert low["speed"] < high["speed"]
+    assert (low["value_x"][0], high["value_x"][0]) == pytest.approx((1.5e-4 / scale, 5e-5 / scale))
+    assert (low["sigma"][0], high["sigma"][0]) == pytest.approx((1e-6 / scale, 7e-6 / scale))
 
 
 def test_script_in_the_titles_of_a_model_is_text(wheel: Wheel, tmp_path: Path) -> None:

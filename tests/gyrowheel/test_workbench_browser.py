@@ -7,6 +7,7 @@ import itertools
 import shutil
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import yaml
 import gyrowheel as gw
 from gyrowheel.campaigns.page import campaign_report
 from gyrowheel.campaigns.summary import Summary
+from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.workbench.benches import Running
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
@@ -25,7 +27,7 @@ from gyrowheel_core.wire import SECOND
 
 from .browser import faults, needs_browser, opened_browser, press
 from .conftest import Wheel
-from .findings import judged_case
+from .findings import MAP, UNKNOWN, judged_case
 from .helpers import sample, write
 from .lab_tables import lab_table
 
@@ -509,6 +511,38 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
         press(page.locator("#tab-live"), "ArrowLeft")
         while session.live._traces:
             feed(1)
+
+
+@pytest.mark.slow
+@needs_browser
+def test_the_missing_torque_is_drawn_as_a_map_with_its_uncertainty(wheel: Wheel) -> None:
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=240_000)
+    session = Session(Library([wheel.recording.parent]), gw.Model())
+    session.open("0/drag", "fitted")
+    session.wait(240.0)
+    session.compare()
+    session.wait(240.0)
+    session.steps = [replace(session.step, diagnosis=Diagnosis.of(replace(UNKNOWN, map=MAP)))]
+    with Server(session, port=0) as server, opened_browser() as browser:
+        page = browser.new_page(viewport={"width": 1400, "height": 900})
+        page.set_default_timeout(240_000)
+        page.goto(server.url)
+        page.locator("#steps [data-step=where]").click()
+        # chosen among the variables; the colours are of the torque, and of its standard deviation
+        page.locator("#where-variable").select_option(label="map of the missing torque on the rotor")
+        expect(page.locator("#where")).to_have_attribute("data-drawn", "map rotor_torque 1432")
+        expect(page.locator("#where-said")).to_contain_text("0.496 ± 0.0222 mN·m (both axes together)")
+        page.locator("#where-variable").select_option("map shaft_torque")
+        page.locator("#where-speed").select_option(label="3533 rpm")
+        expect(page.locator("#where-said")).to_contain_text("Largest at 3533 rpm: 0.05 ± 0.007 mN·m")
+        assert faults(page) == []
+        # its windows are the same as in all panes
+        press(page.locator("#where"), "Home")
+        expect(page.locator("#chosen")).to_contain_text("1 of ")
+        page.locator("#where-variable").select_option("speed")
+        expect(page.locator("#where")).to_have_attribute("data-drawn", "spin speed")
 
 
 @contextlib.contextmanager

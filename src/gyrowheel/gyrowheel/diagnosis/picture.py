@@ -64,14 +64,24 @@ def map_figure(found: CorrectionMap) -> Figure:
     return figure
 
 
+def tilts_of(found: CorrectionMap, cells: int) -> Any:
+    """Return a square of tilts phi_x + i phi_y [rad] (cells, cells) that holds those of a map."""
+    side = np.linspace(-found.effect.within.tilt, found.effect.within.tilt, cells)
+    return side[None, :] + 1j * side[:, None]
+
+
+def at_speed(found: CorrectionMap, speed: float, tilt: Any) -> dict[str, Any]:
+    """Return the quantities of a map at tilts and a speed, at the middle of its temperatures."""
+    within = found.effect.within
+    middle = {"T_coil": 0.5 * sum(within.coils), "T_motor": 0.5 * sum(within.magnets)}
+    return {"z": tilt, "Omega": np.full(tilt.shape, speed), **middle}
+
+
 def _torque(found: CorrectionMap, target: Any, speed: float, cells: int) -> Any:
     """Return the torque [N m] over a square of tilts; nan beyond the largest tilt."""
-    within = found.effect.within
-    side = np.linspace(-within.tilt, within.tilt, cells)
-    z = side[None, :] + 1j * side[:, None]
-    middle = {"T_coil": 0.5 * sum(within.coils), "T_motor": 0.5 * sum(within.magnets)}
-    value = found.at({"z": z, "Omega": np.full(z.shape, speed), **middle})[target]
-    return np.where(np.abs(z) <= within.tilt, np.broadcast_to(value, z.shape), np.nan)
+    z = tilts_of(found, cells)
+    value = found.at(at_speed(found, speed, z))[target]
+    return np.where(np.abs(z) <= found.effect.within.tilt, np.broadcast_to(value, z.shape), np.nan)
 
 
 def _arrows(axes: Any, found: CorrectionMap, speed: float, most: float) -> None:

@@ -20,6 +20,7 @@ from gyrowheel.workbench import coefficients, windows
 from gyrowheel.workbench.library import ROLES, Envelope, Opened
 from gyrowheel.workbench.residual import residuals
 from gyrowheel.workbench.session import Session
+from gyrowheel.workbench.torque_map import torque_maps
 from gyrowheel_air.flow import shipped
 from gyrowheel_air.geometry import Geometry
 from gyrowheel_analysis.drag.agreement import agreement
@@ -158,6 +159,7 @@ def found(session: Session) -> dict[str, Any]:
         "windows": windows.windows(session),
         "maps": windows.maps(session),
         "variables": windows.variables(session),
+        "torque_maps": torque_maps(session),
         "residuals": residuals(session),
         "models": session.model_files(),
         "estimates": coefficients.shown(session.step.estimates),

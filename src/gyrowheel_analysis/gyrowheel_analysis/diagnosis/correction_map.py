@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from gyrowheel_analysis.residuals.error_table import ErrorTable
-from gyrowheel_sim.effects.torque_map import Target, TorqueMap
+from gyrowheel_sim.effects.torque_map import Target, TorqueMap, values_at
 
 Variable = Literal["speed", "tilt", "azimuth", "temperature"]
 #: Name of a map in a model, unless it is taken.
@@ -85,3 +87,20 @@ class CorrectionMap:
             law.target: self.effect.law_at(index, values)  # type: ignore[misc]
             for index, law in enumerate(self.effect.laws)
         }
+
+    def errors_at(self, quantities: Mapping[str, Any]) -> dict[Target, Any]:
+        """Return independent errors of its torques at quantities by name, arrays (n,): (errors, n) [N m].
+
+        Each is by one standard deviation: the sum of their squares is the variance.
+        """
+        names = [own.name for own in self.effect.coefficients]
+        modes = np.array(self.effect.modes).reshape(-1, len(names))
+        errors: dict[Target, Any] = dict.fromkeys(self.targets, 0.0)
+        for term, value in values_at(self.effect.terms, self.effect.within, quantities):
+            on_rotor = term.target == "rotor_torque"
+            parts = [value, 1j * value] if on_rotor else [np.real(value), np.imag(value)]
+            for name, part in zip(term.names, parts, strict=False):
+                errors[term.target] = errors[term.target] + np.multiply.outer(
+                    modes[:, names.index(name)], part
+                )
+        return errors

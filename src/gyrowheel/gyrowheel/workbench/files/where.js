@@ -1,12 +1,13 @@
 // Where the model fails: windows in the tilt plane and over a variable, every channel over every variable, linked.
 
-import { P, at, css, dark, element, hear, legible, now, put, themed } from "./shared.js";
+import { P, at, css, dark, element, fixed, hear, legible, now, put, themed } from "./shared.js";
 import { channel, current, link, pick, setChannel, walk, windows } from "./windows.js";
 
 const WORST = 1000; // χ²/N at the end of the colours
 let drawn = null; // windows and maps, as they were drawn
 let seen = null;
-let variable = ""; // of the right picture
+let variable = ""; // of the right picture, or "map" and what it acts on: the missing torque as a map
+let speed = 0; // number of the speed of that
 let ring = null; // around the window at the cursor
 
 // White for noise, on to red; on dark ground from dark to bright.
@@ -20,7 +21,7 @@ export function showWhere(again = false) {
   if (now.found === seen && !again) return;
   seen = now.found;
   const w = windows();
-  const text = JSON.stringify([w, now.found?.maps, now.found?.variables]);
+  const text = JSON.stringify([w, now.found?.maps, now.found?.variables, now.found?.torque_maps]);
   if (text === drawn && !again) return;
   if (w && text !== drawn && (w.fails || !(variable in w.over))) variable = w.variable;
   drawn = text;
@@ -38,7 +39,10 @@ export function showWhere(again = false) {
   at("where-none").hidden = Boolean(w);
   if (!w) return;
   options("where-channel", Object.entries(w.chi2).map(([name, { title }]) => [name, title]));
-  options("where-variable", now.found.variables.map((own) => [own.variable, own.title.split(", ")[0]]));
+  options("where-variable", [
+    ...now.found.variables.map((own) => [own.variable, own.title.split(", ")[0]]),
+    ...now.found.torque_maps.map(({ target, title }) => [`map ${target}`, `map of the missing ${title}`]),
+  ]);
   plane(w);
   map(w);
 }
@@ -49,6 +53,11 @@ function options(id, entries) {
 for (const id of ["where-channel", "where-variable"]) {
   at(id).addEventListener("change", () => look(at("where-channel").value, at("where-variable").value));
 }
+
+at("where-speed").addEventListener("change", () => {
+  speed = Number(at("where-speed").value);
+  plane(windows());
+});
 
 // Draws another channel, or over another variable.
 function look(name, over) {
@@ -63,9 +72,30 @@ hear("picked", () => {
   for (const cell of at("map").querySelectorAll("[aria-pressed]")) cell.removeAttribute("aria-pressed");
 });
 
+const TOOLS = { height: 200, min_height: 150, sizing_mode: "stretch_both", tools: "tap,box_select,wheel_zoom,reset", active_drag: "box_select", active_scroll: "wheel_zoom", toolbar_location: null };
+
+// Shows two figures side by side.
+function pair(left, right) {
+  for (const figure of [left, right]) figure.on_event("doubletap", () => figure.reset.emit());
+  put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 8, sizing_mode: "stretch_both" }));
+}
+
+// A figure of the tilt plane; another one with the same ranges follows it.
+function tiltPlane(title, like = {}) {
+  const made = P.figure({ ...TOOLS, title, match_aspect: true, ...like });
+  made.below[0].axis_label = "tilt about x, °";
+  made.left[0].axis_label = "tilt about y, °";
+  return made;
+}
+
 function plane(w) {
   at("where-channel").value = channel;
   at("where-variable").value = variable;
+  const map = now.found.torque_maps.find(({ target }) => variable === `map ${target}`);
+  at("where-of").hidden = Boolean(map);
+  at("where-at").hidden = !map;
+  at("where-said").textContent = "";
+  if (map) return torque(map, w);
   const { values: chi2, title } = w.chi2[channel];
   const over = now.found.variables.find((own) => own.variable === variable);
   const order = [...chi2.keys()].sort((a, b) => chi2[a] - chi2[b]); // the worst on top of those at the same tilt
@@ -81,27 +111,70 @@ function plane(w) {
   ring = new Bokeh.ColumnDataSource({ data: { k: [], x: [], y: [], over: [], chi2: [] } });
   const mark = { source, size: 9, marker: { field: "marker" }, fill_color: { field: "colour" }, line_color: "#777777", nonselection_alpha: 0.2 };
   const around = { source: ring, size: 17, fill_color: null, line_color: css("--accent"), line_width: 2 };
-  const tools = { height: 200, min_height: 150, sizing_mode: "stretch_both", tools: "tap,box_select,wheel_zoom,reset", active_drag: "box_select", active_scroll: "wheel_zoom", toolbar_location: null };
-  const left = P.figure({ ...tools, title: `tilt plane, colour: χ²/N of ${title}`, match_aspect: true });
-  left.below[0].axis_label = "tilt about x, °";
-  left.left[0].axis_label = "tilt about y, °";
+  const left = tiltPlane(`tilt plane, colour: χ²/N of ${title}`);
   if (w.of_coils && channel.startsWith("tilt")) {
     left.segment({ field: "x" }, { field: "y" }, { field: "x1" }, { field: "y1" }, { source, line_color: "#888888", line_width: 1.5 });
   }
   left.scatter({ field: "x" }, { field: "y" }, mark);
   left.scatter({ field: "x" }, { field: "y" }, around);
-  const right = P.figure({ ...tools, title: `χ²/N of ${title}`, y_axis_type: "log" });
+  const right = P.figure({ ...TOOLS, title: `χ²/N of ${title}`, y_axis_type: "log" });
   right.below[0].axis_label = over.title;
   right.left[0].axis_label = "χ²/N";
   right.add_layout(new Bokeh.Span({ location: 1, dimension: "width", line_color: css("--soft"), line_dash: "dashed" }));
   right.scatter({ field: "over" }, { field: "chi2" }, mark);
   right.scatter({ field: "over" }, { field: "chi2" }, around);
-  for (const figure of [left, right]) figure.on_event("doubletap", () => figure.reset.emit());
-  put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 8, sizing_mode: "stretch_both" }));
+  pair(left, right);
   link("where", source, order);
   at("where").dataset.drawn = `${channel} ${variable}`;
   circle();
 }
+
+// The missing torque as a map at a speed, and its standard deviation, over the tilts; dots: the windows it is from.
+const SHADES = 64;
+function torque(map, w) {
+  ring = null;
+  speed = Math.min(speed, map.speeds.length - 1);
+  options("where-speed", map.speeds.map((own, k) => [String(k), `${own.speed} rpm`]));
+  at("where-speed").value = String(speed);
+  const { value_x, value_y, sigma, shape } = map.speeds[speed];
+  const rotor = map.target === "rotor_torque";
+  const size = value_x.map((own, k) => Math.hypot(own, value_y[k]));
+  const order = [...w.start.keys()];
+  const held = new Bokeh.ColumnDataSource({ data: { x: w.tilt_x, y: w.tilt_y } });
+  const draw = (title, values, low, high, shades, like) => {
+    const made = tiltPlane(title, like);
+    const mapper = new Bokeh.LinearColorMapper({ palette: shades, low, high });
+    const source = new Bokeh.ColumnDataSource({ data: { x: map.x, y: map.y, value: values } });
+    const side = 1.2 * map.cell; // no gaps where pixels are rounded
+    made.rect({ field: "x" }, { field: "y" }, side, side, { source, fill_color: { field: "value", transform: mapper }, line_color: null });
+    const bar = new Bokeh.ColorBar({ color_mapper: mapper, width: 10, padding: 4, background_fill_color: null, major_label_text_color: css("--soft"), bar_line_color: css("--line"), ticker: new Bokeh.BasicTicker({ desired_num_ticks: 4 }) });
+    made.add_layout(bar, "right");
+    return made;
+  };
+  const ramp = Array.from({ length: SHADES }, (_, k) => shade(WORST ** (k / (SHADES - 1))));
+  const both = [...ramp.toReversed().map((own) => own.replace(/hsl\(([\d.]+)/, "hsl(215")), ...ramp];
+  const left = draw(`missing torque, ${map.unit}`, rotor ? size : value_x, rotor ? 0 : -map.most, map.most, rotor ? ramp : both);
+  const right = draw(`±1 σ of it, ${map.unit}`, sigma, 0, Math.max(...map.speeds.flatMap((own) => own.sigma)), ramp, { x_range: left.x_range, y_range: left.y_range });
+  if (rotor) {
+    const reach = Math.max(...map.x);
+    const some = [...size.keys()].filter((k) => [map.x[k], map.y[k]].every((own) => Math.abs(Math.round(own / map.cell)) % 3 === 0));
+    const end = (from, part) => some.map((k) => from[k] + (0.28 * reach * part[k]) / map.most);
+    const arrows = new Bokeh.ColumnDataSource({
+      data: { x: some.map((k) => map.x[k]), y: some.map((k) => map.y[k]), x1: end(map.x, value_x), y1: end(map.y, value_y), angle: some.map((k) => Math.atan2(value_y[k], value_x[k]) - Math.PI / 2) },
+    });
+    left.segment({ field: "x" }, { field: "y" }, { field: "x1" }, { field: "y1" }, { source: arrows, line_color: css("--ink"), line_width: 1.5 });
+    left.scatter({ field: "x1" }, { field: "y1" }, { source: arrows, marker: "triangle", size: 6, angle: { field: "angle" }, fill_color: css("--ink"), line_color: null });
+  }
+  right.scatter({ field: "x" }, { field: "y" }, { source: held, size: 7, fill_color: css("--card"), line_color: css("--ink"), nonselection_alpha: 0.25 });
+  pair(left, right);
+  link("where", held, order);
+  at("where").dataset.drawn = `${variable} ${map.speeds[speed].speed}`;
+  const most = size.indexOf(Math.max(...size));
+  at("where-said").textContent =
+    `Largest at ${map.speeds[speed].speed} rpm: ${figures(size[most])} ± ${figures(sigma[most])} ${map.unit}${rotor ? " (both axes together)" : ""}, at a tilt of ${fixed(map.x[most], 1)}, ${fixed(map.y[most], 1)}°. ` +
+    `Without an offset and a slope over the tilts, which it shares with the bench parameters: ±${figures(shape)} ${map.unit}. The map holds ${map.range}. Dots: windows that it is from.`;
+}
+const figures = (value) => String(Number(value.toPrecision(3)));
 
 function circle() {
   const w = windows();
