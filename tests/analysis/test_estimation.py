@@ -14,6 +14,8 @@ import gyrowheel as gw
 from gyrowheel.models.estimation import Fit
 from gyrowheel_core.arrays import one_thread
 
+from ..letters import check_letters
+
 Array = NDArray[np.float64]
 
 CONTOUR = 5.991465  # quantile of chi-squared, 95 %, two parameters
@@ -252,6 +254,7 @@ def test_bad_options_are_refused_in_one_line(
 @pytest.mark.slow
 def test_pictures_of_a_fit_have_their_names_and_units(fit: Fit[gw.Model]) -> None:
     assert fit.plot().axes[0].get_title("left") == "Correlation of the estimates"
+    check_letters(fit.plot())
     assert fit.plot("windage.w").axes[0].get_xlabel() == "windage.w, mN·m"
     with pytest.raises(gw.InputError, match=r"motor_constant: is fixed; allowed: windage\.w"):
         fit.plot("motor_constant")

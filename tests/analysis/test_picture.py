@@ -14,6 +14,8 @@ from gyrowheel.show.figure import write_figure
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
 from gyrowheel_core.errors import InputError
 
+from ..letters import check_letters
+
 TITLE = "An effect is missing: drag of the air on the spin"
 
 
@@ -66,3 +68,19 @@ def test_failed_write_of_a_picture_leaves_no_file(tmp_path: Path):
     with pytest.raises((InputError, OSError)):
         write_figure(error_figure([FIT], FIT_ONLY, title=TITLE), tmp_path / "folder")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_long_titles_and_names_stay_within_the_picture_and_apart():
+    effects = "; ".join(f"effect_number_{k}: C_x = 0.970 ± 0.013 %, C_y = 0.954 ± 0.013 %" for k in range(10))
+    title = "Besides what looks like " + ", ".join(f"the effect that has the number {k}" for k in range(10))
+    names = [f"a_rather_long_name_of_the_recording_{k}" for k in range(6)]
+    # within a second the speed changes five times: its names find no room side by side
+    time, spin_rate = FIT.time.copy(), np.repeat([366.0, 150.0], 6)
+    time[4:9] = np.linspace(10.0, 11.0, 5)
+    spin_rate[4:9] = [100.0, 200.0, 300.0, 200.0, 100.0]
+    fitted = [replace(FIT, time=time, spin_rate=spin_rate)] + [replace(FIT, name=name) for name in names]
+    for parts in (fitted, fitted[:1]):
+        unused = replace(VALIDATION, name=names[0])
+        check_letters(error_figure([*parts, unused], TABLE, title=title, subtitle=effects))
+    for count in (1, 2, 4):
+        check_letters(error_figure([FIT], FIT_ONLY, title=title[: 60 * count]))

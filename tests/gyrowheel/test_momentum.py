@@ -61,7 +61,7 @@ def test_the_result_from_python() -> None:
         "(b)  3000 rpm",
         "(c)  4000 rpm",
     ]
-    assert "1500 to 4000 rpm" in result.plot("body").axes[0].get_title()
+    assert "1500 to 4000 rpm" in result.plot("body").texts[0].get_text()
     assert "middle expression" in result._repr_html_()
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import gyrowheel as gw
 from gyrowheel.comparison.picture import arrow_scale, arrows
 from gyrowheel.investigation.page import unseen_sentence
 from gyrowheel_analysis.channels import CHANNELS
@@ -21,6 +22,7 @@ from gyrowheel_analysis.diagnosis.findings import NextTest
 from gyrowheel_analysis.residuals.error_table import Part
 from gyrowheel_core.units import DEG
 
+from ..letters import check_letters
 from .conftest import Wheel
 from .findings import diagnosis, finding
 from .helpers import Shell
@@ -148,3 +150,12 @@ def test_an_outlier_of_usual_noise_sets_no_scale_and_its_arrow_is_cut_off() -> N
     drawn = np.abs(arrows(data))  # type: ignore[arg-type]
     assert np.delete(drawn, 5) == pytest.approx(0.55 * 4.0)
     assert drawn[5] == pytest.approx(2 * 0.55 * 4.0)
+
+
+def test_letters_of_pictures_lie_within_them_and_apart(wheel: Wheel) -> None:
+    model = gw.Model.load(wheel.model)
+    check_letters(gw.compare(wheel.recording, model).plot())
+    check_letters(gw.torques(wheel.recording, model).plot())
+    check_letters(gw.momentum("dtg").plot())
+    check_letters(gw.momentum().plot("body"))
+    check_letters(gw.Recording.open(wheel.recording).plot())

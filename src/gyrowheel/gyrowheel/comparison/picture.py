@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from gyrowheel_analysis.compare import Comparison
 from gyrowheel_analysis.reduction.windows import speed_groups
 from gyrowheel_analysis.residuals.error_table import WindowResiduals
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, ResidualMap, Span, residual_map
-from gyrowheel_core.quantities import number
+from gyrowheel_core.quantities import decimal, number
 from gyrowheel_core.units import DEG, RPM, unit_for
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ _LONG, _SHORT = 0.55, 0.12  # of the largest tilt: the longest arrow, and that o
 _MOST_ARROWS = 0.9  # of the arrows: those that the scale leaves uncut
 _WRONG = 9.0  # χ²/N from which on a window is not noise alone
 _WORST = 1.0e3  # χ²/N at the end of the colours
+_CELL = 12.0  # letters of the cells [points], which can be read on a page of paper, too
 _UNITS = {"tilt": "°", "azimuth": "°", "speed": "rpm", "time": "s", "temperature": "°C"}
 
 
@@ -64,13 +66,13 @@ def figure_of_failure(result: Comparison) -> Figure:
     maps = [residual_map(data, (name,)) for name in VARIABLES]
     widths = [max(len(m.cells), 3) for m in maps]
     below = figure.add_gridspec(
-        1, len(maps), left=0.115, right=0.905, top=0.35, bottom=0.085, wspace=0.06, width_ratios=widths
+        1, len(maps), left=0.115, right=0.915, top=0.345, bottom=0.085, wspace=0.06, width_ratios=widths
     )
     strips = [
         _strip(figure.add_subplot(below[0, place]), shown, data, norm, first=place == 0)
         for place, shown in enumerate(maps)
     ]
-    bar = figure.colorbar(strips[0], cax=figure.add_axes((0.925, 0.085, 0.012, 0.265)), extend="both")
+    bar = figure.colorbar(strips[0], cax=figure.add_axes((0.928, 0.085, 0.012, 0.26)), extend="both")
     bar.set_label("χ²/N")
     bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     return figure
@@ -138,6 +140,7 @@ def _plane(
         )  # fmt: skip
     axes.set_xlim(-reach, reach)
     axes.set_ylim(-reach, reach)
+    axes.set_xticks([tick for tick in axes.get_yticks() if abs(tick) <= reach])
     axes.set_aspect("equal")
     axes.set_title(f"{round(float(w.mean_spin[group].mean()) / RPM, -1):.0f} rpm", fontsize=13, loc="center")
     axes.set_xlabel("tilt about x, °")
@@ -173,22 +176,31 @@ def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, 
     image = axes.imshow(np.maximum(values, 1e-3), norm=norm, cmap=_colours(), aspect="auto")
     for i, j in np.ndindex(*values.shape):
         dark = values[i, j] > math.sqrt(_WORST)
-        text = f"{values[i, j]:.0f}" if values[i, j] >= 9.95 else f"{values[i, j]:.1f}"
         if values.shape[1] <= 9:
-            axes.text(j, i, text, ha="center", va="center", fontsize=10, color="white" if dark else DARK)
+            text = _in_a_cell(float(values[i, j]))
+            axes.text(j, i, text, ha="center", va="center", fontsize=_CELL, color=GROUND if dark else DARK)
     axes.set_xticks(
-        range(len(shown.cells)), [cell_label(variable, cell) for cell in shown.cells], fontsize=10
+        range(len(shown.cells)), [cell_label(variable, cell) for cell in shown.cells], fontsize=_CELL
     )
-    if any(len(cell_label(variable, cell)) > 4 for cell in shown.cells) or len(shown.cells) > 6:
+    if max(len(cell_label(variable, cell)) for cell in shown.cells) > 3:
         axes.tick_params(axis="x", rotation=45)
     axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
-    # the title of a narrow strip begins over its neighbour, and stays clear of the scale of colours
-    loc: Literal["center", "right"] = "center" if len(shown.cells) > 2 else "right"
-    axes.set_title(axis_title(variable), fontsize=11, loc=loc)
+    axes.tick_params(axis="y", labelsize=_CELL)
+    # the unit stays with the last word
+    title = axis_title(variable).replace(", ", ",\N{NO-BREAK SPACE}")
+    axes.set_title(textwrap.fill(title, 16), fontsize=_CELL, loc="center")
     axes.tick_params(length=0)
     for side in axes.spines.values():
         side.set_visible(False)
     return image
+
+
+def _in_a_cell(value: float) -> str:
+    """Return χ²/N in at most three characters: 0.7, 12, 538, 19k."""
+    if value < 9.95:
+        return f"{value:.1f}"
+    size, letter = next((own for own in ((1e6, "M"), (1e3, "k")) if value >= 0.9995 * own[0]), (1.0, ""))
+    return f"{value / size:.0f}{letter}"
 
 
 def axis_title(variable: str) -> str:
@@ -202,7 +214,7 @@ def cell_label(variable: str, cell: Cell) -> str:
     if math.isnan(span.low):
         return "none"
     if variable == "azimuth":
-        return f"{math.degrees(span.middle):.0f}"
+        return decimal(math.degrees(span.middle), 0)
     if variable == "speed":
         return f"{round(span.middle / RPM, -1):.0f}"
     middle = {"tilt": span.middle / DEG, "time": span.middle, "temperature": span.middle - 273.15}[variable]

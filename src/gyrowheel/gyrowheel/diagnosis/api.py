@@ -94,7 +94,7 @@ class Diagnosis(Result, facts.Diagnosis):
 
         if self.error is None:
             raise InputError(f"diagnosis: nothing to draw: {self.sentence}")
-        subtitle = "   ".join(f"{f.name}: {coefficients_line(f)}" for f in self.effects)
+        subtitle = "; ".join(f"{f.name}: {coefficients_line(f)}" for f in self.effects)
         return error_figure(self.residuals, self.error, title=self.sentence.rstrip("."), subtitle=subtitle)
 
     def plot_map(self) -> Figure:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
 
 _SPEEDS = 4
-_CELLS = 41  # a side of a panel
+_CELLS = 81  # a side of a panel
 _ARROWS = 9
 
 
@@ -79,14 +79,14 @@ def at_speed(found: CorrectionMap, speed: float, tilt: Any) -> dict[str, Any]:
 
 def _torque(found: CorrectionMap, target: Any, speed: float, cells: int) -> Any:
     """Return the torque [N m] over a square of tilts; nan beyond the largest tilt."""
-    z = tilts_of(found, cells)
+    z = tilts_of(found, cells) * (1.0 - 1.0 / cells)  # of the middles of cells, so that all lie within
     value = found.at(at_speed(found, speed, z))[target]
     return np.where(np.abs(z) <= found.effect.within.tilt, np.broadcast_to(value, z.shape), np.nan)
 
 
 def _arrows(axes: Any, found: CorrectionMap, speed: float, most: float) -> None:
     reach = found.effect.within.tilt / DEG
-    side = np.linspace(-reach, reach, _ARROWS)
+    side = np.linspace(-reach, reach, _ARROWS) * (1.0 - 1.0 / _ARROWS)
     value = _torque(found, "rotor_torque", speed, _ARROWS) * (0.3 * reach / most)
     axes.quiver(
         *np.meshgrid(side, side), value.real, value.imag, angles="xy", scale_units="xy", scale=1.0, width=0.006,

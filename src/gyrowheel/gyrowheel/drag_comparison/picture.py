@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gyrowheel.show.figure import BLUE, FAINT, INK, NOISE, SOFT, VERMILION, ZERO, Picture, drawn
+from gyrowheel.show.figure import BLUE, INK, NOISE, SOFT, VERMILION, ZERO, Picture, add_grid, drawn
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_analysis.drag.stream import DragTest
 from gyrowheel_core.units import DEG, RPM
@@ -82,7 +82,7 @@ def _over_time(axes: Axes, result: DragTest, place: int, signal: str) -> None:
             ends = [stop - e.duration, stop]
             axes.plot(ends, [e.dc_voltage[place]] * 2, color=BLUE, lw=2.4, label=label, zorder=2)
         begin = float(time[-1]) + _GAP
-    axes.grid(color=FAINT, linewidth=0.6)
+    add_grid(axes)
 
 
 def _increments(axes: Axes, result: DragTest, place: int, where: Any, *, air: bool) -> None:
@@ -98,7 +98,7 @@ def _increments(axes: Axes, result: DragTest, place: int, where: Any, *, air: bo
     if air:
         without = simulated - _MILLI * air_increments(result, place)
         axes.plot(where, without, "s", mfc="none", mec=INK, ms=8, label="simulated without air", zorder=2)
-    axes.grid(color=FAINT, linewidth=0.6)
+    add_grid(axes)
     axes.margins(x=0.06, y=0.12)
 
 
@@ -108,7 +108,7 @@ def _differences(axes: Axes, result: DragTest, place: int, where: Any) -> None:
     error = _MILLI * np.array([e.voltage_increment_std[place] for e in every])
     axes.axhline(0.0, color=ZERO, lw=0.8, zorder=1)
     axes.errorbar(where, _MILLI * np.array(left), error, fmt="o", color=BLUE, ms=4, capsize=3, lw=1.2)
-    axes.grid(color=FAINT, linewidth=0.6)
+    add_grid(axes)
     axes.margins(x=0.06, y=0.12)
 
 

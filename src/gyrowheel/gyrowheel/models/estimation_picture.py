@@ -25,13 +25,13 @@ def correlation_figure(fit: Estimation) -> Figure:
     count = len(names)
     with style(9.0):
         side = 2.6 + 0.24 * count
-        figure = Picture(side + 1.2, side, layout="constrained")
+        figure = Picture(side + 1.2, side, layout="compressed")
         axes = figure.subplots()
         image = axes.imshow(values, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
         for i, k in np.argwhere(np.abs(values) >= _NAMED):
             if i != k:  # in grey both signs are dark
-                number = decimal(float(values[i, k]), 2, sign=True).replace("0.", ".")
-                axes.text(k, i, number, fontsize=5.5, color=GROUND, ha="center", va="center")
+                number = decimal(float(values[i, k]), 2).replace("0.", ".")
+                axes.text(k, i, number, fontsize=6.5, color=GROUND, ha="center", va="center")
         axes.set_xticks(range(count), names, rotation=90)
         axes.set_yticks(range(count), names)
         axes.set_title("Correlation of the estimates")

@@ -43,16 +43,16 @@ def caps_figure(bench: Bench, speeds: Array | None = None) -> Figure:
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     heights = bench.value("rotor_inertia_z") * speeds / scale
     wide = float(heights[-1]) * np.sin(bench.value("tilt_limit"))
-    left = 0.005 + 0.1625 * (3 - len(speeds))
+    left = 0.005 + 0.16 * (3 - len(speeds))
     for place, (speed, height) in enumerate(zip(speeds, heights, strict=True)):
-        axes: Any = figure.add_axes((left + 0.325 * place, 0.455, 0.32, 0.43), projection="3d")
+        axes: Any = figure.add_axes((left + 0.32 * place, 0.455, 0.31, 0.42), projection="3d")
         axes.patch.set_visible(False)  # it would cover the label of its neighbour
         x, y, z = np.moveaxis(_cap(bench, speed, turn) / scale, -1, 0)
         axes.plot_surface(x, y, z, cmap="viridis", linewidth=0.2, edgecolor=GROUND, rcount=12, ccount=48)
         tall = 2.0 * wide * _BOX / STRETCH
         _box(axes, wide, height - 0.65 * tall, height + 0.35 * tall, unit, heights=3)
         axes.set_title(
-            f"({'abc'[place]})  {speed / RPM:.0f} rpm: radius {height:.3g} {unit}", y=0.99, loc="center"
+            f"({'abc'[place]})  {speed / RPM:.0f} rpm: radius {height:.3g} {unit}", y=1.01, loc="center"
         )
     panels = [
         figure.add_axes((left, 0.08, width, 0.31))
@@ -70,10 +70,10 @@ def body_figure(bench: Bench, speeds: Array | None = None) -> Figure:
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     speeds = _three(bench, speeds)
-    figure = Picture(11.5, 5.0, dots=_DOTS)
+    figure = Picture(11.5, 5.5, dots=_DOTS)
     unit, scale = unit_for(bench.value("rotor_inertia_z") * float(speeds[-1]), "N·m·s")
     limit, inertia = bench.value("tilt_limit"), bench.value("rotor_inertia_z") / scale
-    axes: Any = figure.add_axes((0.0, 0.02, 0.5, 0.92), projection="3d", computed_zorder=False)
+    axes: Any = figure.add_axes((0.0, 0.02, 0.5, 0.86), projection="3d", computed_zorder=False)
     # a quarter towards the viewer is cut away
     # the momentum points a quarter turn behind the azimuth of the tilt
     turn = np.linspace(0.5 * np.pi, 2.0 * np.pi, 37)
@@ -95,11 +95,9 @@ def body_figure(bench: Bench, speeds: Array | None = None) -> Figure:
     low, high = inertia * float(speeds[0]) * np.cos(limit), inertia * float(speeds[-1])
     _box(axes, wide, low - 0.02 * high, 1.01 * high, unit)
     axes.view_init(elev=18, azim=-45)
-    axes.set_title(
-        f"Angular momentum, tilt up to {limit / DEG:.0f}°, {speeds[0] / RPM:.0f} to {speeds[-1] / RPM:.0f} rpm",
-        loc="center",
-    )
-    section = figure.add_axes((0.57, 0.13, 0.40, 0.76))
+    title = f"Angular momentum, tilt up to {limit / DEG:.3g}°, {speeds[0] / RPM:.0f} to {speeds[-1] / RPM:.0f} rpm"
+    figure.text(0.03, 0.94, title, fontsize=16, fontweight="bold", va="center")
+    section = figure.add_axes((0.57, 0.12, 0.40, 0.70))
     tilt = np.linspace(-limit, limit, 61)
     for speed in speeds:
         section.plot(
@@ -159,9 +157,9 @@ def _box(axes: Any, wide: float, low: float, high: float, unit: str, *, heights:
     axes.locator_params(axis="z", nbins=heights)
     axes.tick_params(labelsize=8.5, pad=0)
     axes.tick_params(axis="z", pad=3)
-    axes.set_xlabel(f"Hx, {unit}", labelpad=2)
-    axes.set_ylabel(f"Hy, {unit}", labelpad=4)
-    axes.set_zlabel(f"Hz, {unit}", labelpad=4)
+    axes.set_xlabel(f"$H_x$, {unit}", labelpad=2, parse_math=True)
+    axes.set_ylabel(f"$H_y$, {unit}", labelpad=4, parse_math=True)
+    axes.set_zlabel(f"$H_z$, {unit}", labelpad=8, parse_math=True)
     for pane in (axes.xaxis, axes.yaxis, axes.zaxis):
         pane.set_pane_color((0.97, 0.97, 0.97, 1.0))
 
@@ -180,7 +178,7 @@ def _revolution(axes: Axes, bench: Bench, speed: float, scale: float, unit: str)
     axes.axhline(level, color=_LAST, linewidth=1.6, linestyle="--", label="eq (1), last form")
     axes.set_xticks([0, 90, 180, 270, 360])
     axes.set_xlabel("angle of the shaft, deg")
-    axes.set_ylabel(unit)
+    axes.set_ylabel(f"momentum, {unit}")
     axes.set_title(f"size in a turn, {speed / RPM:.0f} rpm")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.55 * (high - low))
@@ -230,8 +228,8 @@ def _paths(axes: Axes, bench: Bench, speed: float, scale: float, unit: str) -> N
     axes.set_xlim(-1.25 * size, 1.25 * size)
     axes.set_ylim(-1.25 * size, 1.75 * size)
     axes.set_aspect("equal")
-    axes.set_xlabel(f"Hx, {unit}")
-    axes.set_ylabel(f"Hy, {unit}")
+    axes.set_xlabel(f"$H_x$, {unit}", parse_math=True)
+    axes.set_ylabel(f"$H_y$, {unit}", parse_math=True)
     axes.set_title(f"across the axis, tilt {limit / DEG:.0f}°")
     axes.legend(loc="upper center", fontsize=9, handlelength=1.4)
     add_grid(axes)

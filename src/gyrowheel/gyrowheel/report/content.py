@@ -153,6 +153,6 @@ class ReportContent:
         from gyrowheel.diagnosis.page import coefficients_line
         from gyrowheel.show.error_fall import error_figure
 
-        subtitle = "   ".join(f"{f.name}: {coefficients_line(f)}" for f in self.diagnosis.effects)
+        subtitle = "; ".join(f"{f.name}: {coefficients_line(f)}" for f in self.diagnosis.effects)
         added = self.addition
         return error_figure(added.residuals, added.error, title=self.title.rstrip("."), subtitle=subtitle)

@@ -109,6 +109,7 @@ def _parts(report: ReportContent) -> dict[str, Any]:
         ),
         "error_picture": _error_picture(report),
         "where_picture": _where_picture(report),
+        "map_picture": _map_picture(report),
         "moved": sections.moved(found, cells),
         "model": report.latest,
         "model_effects": sections.model_effects(report.latest, cells),
@@ -157,6 +158,12 @@ def _where_picture(report: ReportContent) -> Picture | None:
         report.comparison.plot,
         "The residual torque of the coils in the plane of the tilt, and χ²/N of every channel over each variable",
     )
+
+
+def _map_picture(report: ReportContent) -> Picture | None:
+    if report.diagnosis.map is None:
+        return None
+    return picture(report.diagnosis.plot_map, "The missing torque in the plane of the tilt at four speeds")
 
 
 def markdown_page(report: ReportContent) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,8 @@ from gyrowheel.show.figure import (
     add_grid,
     add_title,
     drawn,
+    keep_apart,
+    letters_in,
 )  # fmt: skip
 from gyrowheel_analysis.channels import LISTED, TORQUES
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals, noisy
@@ -32,6 +35,7 @@ from gyrowheel_core.units import RPM
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 Array = NDArray[np.float64]
 
@@ -41,7 +45,7 @@ _MILLI = 1e-3
 _ROLES = {"fit": "fitted", "validation": "not used to fit"}
 _SAME_SPEED = 0.04  # relative
 _WIDE = 12.0  # range of sizes from which on an axis is logarithmic
-_NAMES = -0.62  # where the names of channels begin, in widths of the panel of sizes
+_NAMES = -0.66  # where the names of channels begin, in widths of the panel of sizes
 _WORTH_A_NUMBER = 1.3  # noise floors
 _CLEAR = 1.5  # noise floors that the error of a further channel must have to be drawn window by window
 _MARGIN = 0.12  # of an axis, beyond what it shows
@@ -56,7 +60,8 @@ def error_figure(
     figure = Picture(16.0, 10.0)
     add_title(figure, title)
     if subtitle:
-        figure.text(0.045, 0.913, subtitle, fontsize=13, color=TICK, va="center")
+        subtitle = textwrap.shorten(subtitle, letters_in(14.56, 13.0), placeholder=" …")
+        figure.text(0.045, 0.918, subtitle, fontsize=13, color=TICK, va="center")
     roles = [role for role in _ROLES if any(r.role == role for r in residuals)]
     widths = [math.sqrt(sum(r.time[-1] for r in residuals if r.role == role) + 5.0) for role in roles]
     shown = [*TORQUES, *_clearest(error)]
@@ -74,7 +79,8 @@ def error_figure(
     changed = any(
         not np.array_equal(before, after) for r in residuals for before, after, _ in r.channels.values()
     )
-    labelled = []
+    labelled: list[Axes] = []
+    named: list[list[Text]] = []
     for row, channel in enumerate(shown):
         first: Axes | None = None
         last = row == len(shown) - 1
@@ -91,15 +97,28 @@ def error_figure(
             else:
                 axes.tick_params(labelleft=False)
             if row == 0:
-                names = ", ".join(r.name for r in residuals if r.role == role)
-                axes.set_title(f"{_ROLES[role]}: {names}", pad=26)
+                # the last title may reach over the panels to its right
+                share = 0.53 * widths[column] / sum(widths) + (0.37 if role == roles[-1] else 0.0)
+                room = letters_in(16.0 * share, 13.0)
+                axes.set_title(_named(_ROLES[role], [r.name for r in own], room), pad=26)
+                named += [list(axes.texts)]
             axes.tick_params(labelbottom=last)
             if last:
                 axes.set_xlabel("time in the recording, s")
     figure.align_ylabels(labelled)
+    for speeds in named:
+        keep_apart(speeds)
     _size_panels(figure, error, changed=changed)
     _legend(figure, changed=changed)
     return figure
+
+
+def _named(role: str, names: Sequence[str], room: int) -> str:
+    """Return the title of a column, with the names of its recordings where there is room for so many letters."""
+    title = f"{role}: {', '.join(names)}"
+    if len(title) > room and len(names) > 1:
+        title = f"{role}: {len(names)} recordings"
+    return title if len(title) <= room else f"{title[: max(room - 1, 1)]}…"
 
 
 def _clearest(error: ErrorTable) -> list[str]:
@@ -174,7 +193,7 @@ def _speeds(axes: Axes, time: Array, spin_rate: Array, *, named: bool) -> None:
                 transform=axes.get_xaxis_transform(),
                 ha="center",
                 va="bottom",
-                fontsize=10,
+                fontsize=11,
                 color=SOFT,
             )
 
@@ -229,6 +248,7 @@ def _size(row: ErrorRow, name: str) -> float:
 def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low: float) -> None:
     names = list(_in_floors(rows[0][0], floor))
     height = 0.4
+    apart = 2.4 if len(rows) > 1 else 0.0  # between the numbers of two equal bars [points]
     for side, (row, colour) in enumerate(rows):
         for place, size in enumerate(_in_floors(row, floor).values()):
             at = place + (side - 0.5 * (len(rows) - 1)) * height
@@ -240,15 +260,15 @@ def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low
             axes.annotate(
                 _short(size),
                 (1.0 if hidden else max(size, low), at),
-                xytext=(4, 0),
+                xytext=(4, apart * (0.5 - side)),
                 textcoords="offset points",
                 va="center_baseline",
-                fontsize=9.5,
+                fontsize=10.5,
                 color=colour,
                 fontweight="bold",
             )
     axes.axvline(1.0, color=INK, linewidth=1.8, zorder=3)
-    axes.set_yticks(range(len(names)), [LISTED[name].title for name in names], fontsize=10)
+    axes.set_yticks(range(len(names)), [LISTED[name].title for name in names], fontsize=11.5)
     for label in axes.get_yticklabels():
         label.set_horizontalalignment("left")
         label.set_x(_NAMES)
@@ -262,7 +282,7 @@ def _bars(axes: Axes, rows: Sequence[tuple[ErrorRow, str]], floor: ErrorRow, low
             textcoords="offset points",
             ha="right",
             va="center",
-            fontsize=9.5,
+            fontsize=11,
             color=SOFT,
         )
     axes.invert_yaxis()
@@ -293,7 +313,7 @@ def _legend(figure: Figure, *, changed: bool) -> None:
     figure.legend(
         handles=handles,
         loc="center right",
-        bbox_to_anchor=(0.98, 0.895),
+        bbox_to_anchor=(0.98, 0.888),
         ncols=4,
         frameon=False,
         columnspacing=1.6,

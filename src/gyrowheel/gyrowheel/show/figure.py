@@ -201,13 +201,32 @@ def add_grid(axes: Any, axis: str = "both") -> None:
     axes.set_axisbelow(True)
 
 
+_EM = 0.567  # mean width of a bold letter over its size
+_TITLES = ((22.0, 1), (17.0, 2), (14.0, 2))  # sizes [points] and the most lines of each
+
+
+def letters_in(width: float, size: float) -> int:
+    """Return how many letters of a size [points] a line of a width [inches] holds."""
+    return int(72.0 * width / (_EM * size))
+
+
 def add_title(figure: Figure, title: str) -> None:
-    """Write the title of a figure of 16 by 10 inches; a long one in two lines, which stay within its edges."""
-    lines = [title] if len(title) <= 84 else textwrap.wrap(title, max(len(title) // 2 + 12, 84))
-    longest = max(map(len, lines))
-    largest = 22.0 if len(lines) == 1 else 17.0
-    size = min(largest, 22.0 * 84.0 / max(longest, 1))
-    figure.text(0.045, 0.955, "\n".join(lines), fontsize=size, fontweight="bold", va="center")
+    """Write the title of a figure of 16 by 10 inches, the longer, the smaller; what two lines do not hold is cut."""
+
+    def lines(size: float, most: int) -> list[str]:
+        return textwrap.wrap(title, letters_in(14.56, size), max_lines=most, placeholder=" …")
+
+    size, most = next((own for own in _TITLES if lines(*own) == lines(own[0], len(title))), _TITLES[-1])
+    figure.text(0.045, 0.96, "\n".join(lines(size, most)), fontsize=size, fontweight="bold", va="center")
+
+
+def keep_apart(texts: Sequence[Text]) -> None:
+    """Hide each of some labels, from left to right, that would lie on the one before."""
+    end = float("-inf")
+    for text in texts:
+        place = text.get_window_extent()
+        text.set_visible(place.x0 > end + 0.4 * place.height)
+        end = max(end, place.x1) if text.get_visible() else end
 
 
 def shared_legend(figure: Figure, axes: Any, **settings: Any) -> None:

@@ -62,17 +62,17 @@ def figure_of_torques(d: HoldTorques) -> Figure:
     figure.text(0.03, 0.905, f"{where}; {source}", fontsize=11, color=SOFT, va="center")
     styles: dict[str, tuple[str, str]] = {}
     bottom = 0.12 if len(d) <= _MOST_LEVEL else 0.2
-    axes = [figure.add_axes((0.065 + 0.28 * k, bottom, 0.215, 0.80 - bottom)) for k in range(3)]
+    axes = [figure.add_axes((0.065 + 0.28 * k, bottom, 0.205, 0.80 - bottom)) for k in range(3)]
     for ax, direction in zip(axes, (ALONG, ACROSS, MOTOR), strict=True):
         _stack(ax, rows_of(d, direction), styles)
         ax.set_title(direction)
+        ax.set_ylabel("torque, mN·m")
         # many names stand upright, and of very many some are left out
         every = -(-len(d) // _MOST_NAMES)
         ax.set_xticks(range(0, len(d), every), names[::every])
         if len(d) > _MOST_LEVEL:
             ax.tick_params(axis="x", rotation=90, labelsize=9)
         ax.set_xlabel(label)
-    axes[0].set_ylabel("torque, mN·m")
     shared_legend(figure, axes, loc="upper left", bbox_to_anchor=(0.855, 0.82), fontsize=10)
     return figure
 
