@@ -62,7 +62,7 @@ def figure_of_torques(d: HoldTorques) -> Figure:
     figure.text(0.03, 0.905, f"{where}; {source}", fontsize=11, color=SOFT, va="center")
     styles: dict[str, tuple[str, str]] = {}
     bottom = 0.12 if len(d) <= _MOST_LEVEL else 0.2
-    axes = [figure.add_axes((0.065 + 0.28 * k, bottom, 0.205, 0.80 - bottom)) for k in range(3)]
+    axes = [figure.add_axes((0.065 + 0.28 * k, bottom, 0.21, 0.80 - bottom)) for k in range(3)]
     for ax, direction in zip(axes, (ALONG, ACROSS, MOTOR), strict=True):
         _stack(ax, rows_of(d, direction), styles)
         ax.set_title(direction)
@@ -70,8 +70,8 @@ def figure_of_torques(d: HoldTorques) -> Figure:
         # many names stand upright, and of very many some are left out
         every = -(-len(d) // _MOST_NAMES)
         ax.set_xticks(range(0, len(d), every), names[::every])
-        if len(d) > _MOST_LEVEL:
-            ax.tick_params(axis="x", rotation=90, labelsize=9)
+        level = len(d) <= _MOST_LEVEL
+        ax.tick_params(axis="x", labelsize=10 if level else 9, rotation=0 if level else 90)
         ax.set_xlabel(label)
     shared_legend(figure, axes, loc="upper left", bbox_to_anchor=(0.855, 0.82), fontsize=10)
     return figure
@@ -85,7 +85,17 @@ def _stack(ax: Axes, rows: list[tuple[str, Any]], styles: dict[str, tuple[str, s
         torque = _MILLI * np.asarray(values)
         if title in _LINE:
             marker, colour = ("D", INK) if title == "all" else ("x", VERMILION)
-            ax.plot(places, torque, color=colour, marker=marker, ms=5, lw=1.4, label=title, zorder=4)
+            ax.plot(
+                places,
+                torque,
+                color=colour,
+                marker=marker,
+                ms=5,
+                lw=1.4,
+                label=title,
+                zorder=4,
+                clip_on=False,
+            )
             continue
         number = len(styles)
         colour, hatch = styles.setdefault(
