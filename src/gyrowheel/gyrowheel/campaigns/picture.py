@@ -23,7 +23,7 @@ def rates_figure(rates: Mapping[str, Rate], summary: Summary) -> Figure:
     }
     shown = {name: own for name, own in given.items() if own[0]}
     figure = Picture(
-        11.0, (1.9 if shown else 1.2) + 0.34 * max(len(rates), 4 if shown else 2), layout="constrained"
+        11.0, (2.2 if shown else 1.2) + 0.34 * max(len(rates), 4 if shown else 2), layout="constrained"
     )
     panels = figure.subplots(1, 2 if shown else 1, squeeze=False)[0]
     axes, places = panels[0], np.arange(len(rates))[::-1]
@@ -42,12 +42,13 @@ def rates_figure(rates: Mapping[str, Rate], summary: Summary) -> Figure:
     if shown:
         axes, levels = panels[1], np.array(LEVELS)
         axes.plot([45.0, 100.0], [45.0, 100.0], color=INK, linewidth=1.0, linestyle="--", label="as stated")
-        for name, (intervals, colour, marker) in shown.items():
+        # a little apart, so that no bar hides another
+        for side, (name, (intervals, colour, marker)) in enumerate(shown.items()):
             found = [covered(intervals, level) for level in LEVELS]
             ends = np.array([rate.interval for rate in found]).T
             parts = np.array([rate.part for rate in found])
             axes.errorbar(
-                100.0 * levels,
+                100.0 * levels + 0.8 * (side - 0.5),
                 100.0 * parts,
                 100.0 * np.abs(ends - parts),
                 color=colour,
@@ -60,5 +61,5 @@ def rates_figure(rates: Mapping[str, Rate], summary: Summary) -> Figure:
         axes.set_ylabel("true value inside, %")
         add_grid(axes)
         axes.set_title("Coverage of the intervals")
-        axes.legend(fontsize=9, loc="lower right")
+        figure.legend(*axes.get_legend_handles_labels(), fontsize=9, loc="outside lower right", ncols=3)
     return figure

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
-from gyrowheel.show.figure import BLUE, FAINT, INK, SOFT, VERMILION, Picture, add_grid, drawn
+from gyrowheel.show.figure import (
+    BLUE,
+    FAINT,
+    INK,
+    SOFT,
+    VERMILION,
+    Picture,
+    add_grid,
+    drawn,
+    letters_in,
+    shared_legend,
+)
 from gyrowheel.trends.page import day, summary
 from gyrowheel_analysis.trend import Course, Trend
 from gyrowheel_core.units import Unit, unit_for
@@ -24,23 +36,20 @@ def figure_of_trend(result: Trend) -> Figure:
     """Draw up to six courses with their control limits, 1200 dots wide; those that left them first."""
     shown = result.courses[:_MOST]
     rows = -(-len(shown) // 2)
-    figure = Picture(12.0, 1.4 + 2.6 * rows)
+    figure = Picture(12.0, 1.8 + 2.6 * rows)
+    height = figure.get_figheight()
+    lines = textwrap.wrap(summary(result), letters_in(11.0, 13.0), max_lines=2, placeholder=" …")
     figure.text(
-        0.06, 1.0 - 0.45 / figure.get_figheight(), summary(result), fontsize=14, fontweight="bold", color=INK
+        0.06, 1.0 - 0.45 / height, "\n".join(lines), fontsize=13, fontweight="bold", color=INK, va="center"
     )
-    edges = {"left": 0.08, "right": 0.98, "top": 1.0 - 1.0 / figure.get_figheight(), "hspace": 0.55}
-    grid = figure.subplots(
-        rows, 2, squeeze=False, gridspec_kw={**edges, "bottom": 0.5 / figure.get_figheight(), "wspace": 0.22}
-    )
+    edges = {"left": 0.08, "right": 0.98, "top": 1.0 - 1.35 / height, "bottom": 0.6 / height}
+    grid = figure.subplots(rows, 2, squeeze=False, gridspec_kw={**edges, "hspace": 0.55, "wspace": 0.22})
     places = [axes for row in grid for axes in row]
     for axes, course in zip(places, shown, strict=False):
         _course(axes, course)
     for axes in places[len(shown) :]:
         axes.set_visible(False)
-    handles, labels = places[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="upper right", bbox_to_anchor=(0.98, 1.0 - 0.2 / figure.get_figheight()), ncols=3
-    )
+    shared_legend(figure, places, loc="upper left", bbox_to_anchor=(0.05, 1.0 - 0.7 / height), ncols=5)
     return figure
 
 
