@@ -159,7 +159,7 @@ def _box(axes: Any, wide: float, low: float, high: float, unit: str, *, heights:
     axes.tick_params(axis="z", pad=3)
     axes.set_xlabel(f"$H_x$, {unit}", labelpad=2, parse_math=True)
     axes.set_ylabel(f"$H_y$, {unit}", labelpad=4, parse_math=True)
-    axes.set_zlabel(f"$H_z$, {unit}", labelpad=8, parse_math=True)
+    axes.set_zlabel(f"$H_z$, {unit}", labelpad=6, parse_math=True)
     for pane in (axes.xaxis, axes.yaxis, axes.zaxis):
         pane.set_pane_color((0.97, 0.97, 0.97, 1.0))
 
