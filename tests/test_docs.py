@@ -45,6 +45,17 @@ def test_generated_pages_are_up_to_date(generator: ModuleType) -> None:
     assert pages[path] == generator.to_svg(found, generator.json.dumps(found.to_json()))
 
 
+def test_labels_of_the_pictures_of_effects_are_where_they_were_drawn() -> None:
+    """Matplotlib writes the place of a label twice, and that of a tick as the mark and as the end of its line."""
+    places = r'x="(\S+)" y="(\S+)" transform="rotate\(\S+ (\S+) (\S+)\)"'
+    ticks = r'<g id="ytick_\d+">.*?<path d="M (\S+) (\S+).*?<use xlink:href="\S+" x="(\S+)" y="(\S+)"'
+    for picture in (DOCS / "effects").glob("*.svg"):
+        text = picture.read_text(encoding="utf-8")
+        found = [*re.findall(places, text), *re.findall(ticks, text, re.DOTALL)]
+        assert len(found) > 8
+        assert [(x, y) for x, y, *_ in found] == [(x, y) for *_, x, y in found], picture.name
+
+
 @pytest.mark.slow
 def test_outdated_pages_are_detected(
     generator: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -48,9 +48,13 @@ def to_svg(found: Signature, description: str = "") -> str:
         stream = io.StringIO()
         metadata: Mapping[str, Any] = {"Date": None, "Creator": None, "Description": description}
         _draw(found).savefig(stream, format="svg", metadata=metadata)
-    # a hundredth of a dot is fine enough
-    text = re.sub(r"(?<=[\d ])\.?\d*\.\d{3,}(?=[\s\")])", lambda m: f"{float(m[0]):.2f}", stream.getvalue())
+    text = re.sub(r"<[^>]*>", _rounded, stream.getvalue())
     return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
+
+
+def _rounded(tag: re.Match[str]) -> str:
+    """Return a tag of an SVG document with coordinates to a hundredth of a dot, which is fine enough."""
+    return re.sub(r"(?<![\w.])\d+\.\d{3,}(?=[\s\")])", lambda own: f"{float(own[0]):.2f}", tag[0])
 
 
 def _draw(found: Signature) -> Figure:
