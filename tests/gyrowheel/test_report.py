@@ -92,7 +92,7 @@ def test_page_one_has_what_was_found_how_sure_what_it_means_and_what_to_do(
         part["asked"]: " ".join(map(str, part["lines"])) for part in decision(made, Cells(made.to_dict()))
     }
     assert list(lines) == ["What was found", "How sure", "What it means", "What to do"]
-    assert "(windage): w = " in lines["What was found"]
+    assert ": w = " in lines["What was found"]
     assert "No other known effect" in lines["How sure"]
     # the error of the motor's torque, as power at the fastest spin
     error = made.diagnosis.error
@@ -103,6 +103,7 @@ def test_page_one_has_what_was_found_how_sure_what_it_means_and_what_to_do(
     text = next(e for e in page.elements if e.attributes.get("id") == "result").text
     for said in ("What was found", "How sure", "Consistent with other", "What it means", "What to do"):
         assert said in text
+    assert "the model predicts “other”, which was not used to fit, to within the noise" in text
     # nothing failed, or a tie: no finding is to be added
     nothing = replace(made, diagnosis=Diagnosis.of(diagnosis("nothing_missing")))
     assert "use the model as it is" in str(decision(nothing, Cells(nothing.to_dict()))[3]["lines"])

@@ -18,6 +18,7 @@ from gyrowheel_core.units import DEG, RPM, unit_for
 if TYPE_CHECKING:
     from gyrowheel.models.api import Model
     from gyrowheel.report.content import ReportContent
+    from gyrowheel_analysis.diagnosis.proof_result import Proof
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.residuals.error_table import ErrorTable
 
@@ -25,7 +26,7 @@ _MOST_NAMED = 4  # effects that a line names; of more it gives the number
 
 
 def decision(report: ReportContent, cells: Cells) -> list[dict[str, Any]]:
-    """Return the lines of page one: questions, each with its answers; the proof comes first in the second."""
+    """Return the lines of page one: questions, each with its answers; the page has `proved` first in the second."""
     found = report.diagnosis
     return [
         {"asked": "What was found", "lines": _found(found, report.model, cells)},
@@ -42,7 +43,7 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
         about = {} if known is None else {c.name: c.description.partition(";")[0] for c in known.coefficients}
         values = Markup(", ").join(
             Markup("{} = {}{}").format(
-                name,
+                _symbol(name),
                 cells.estimate(
                     f"diagnosis.effects.{k}.coefficients.{name}", e.unit, pure=is_pure(effect.name, name, e)
                 ),
@@ -50,7 +51,8 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
             )
             for name, e in effect.coefficients.items()
         )
-        lines.append(Markup("{} ({}): {}.").format(title(effect), effect.name, values))
+        what = title(effect)
+        lines.append(Markup("{}: {}; ± is one standard error.").format(what[:1].upper() + what[1:], values))
     lines += [f"{item.title}." for item in found.instruments]
     lines += [Markup("An unknown law; a formula that fits: {}.").format(f.formula) for f in found.free_form]
     if found.map is not None:
@@ -60,10 +62,16 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
     return lines  # none where the heading says it all
 
 
+def _symbol(name: str) -> Markup:
+    """Return a symbol with what follows its first underscore as an index."""
+    symbol, _, index = name.partition("_")
+    return Markup("{}<sub>{}</sub>").format(symbol, index) if index else Markup("{}").format(symbol)
+
+
 def _sure(report: ReportContent) -> list[str]:
-    """Return what else could explain the recordings, and what they could not show; the page has the proof before it."""
+    """Return what the proof means, what else could explain the recordings, and what they could not show."""
     found = report.diagnosis
-    lines = _plainly(found)
+    lines: list[str] = []
     tied = {name: [tie.name for tie in ties] for name, ties in found.ties.items() if ties}
     tied |= {form.name: [tie.name for tie in form.ties] for form in found.free_form if form.ties}
     lines += [
@@ -86,19 +94,27 @@ def _sure(report: ReportContent) -> list[str]:
     return lines
 
 
-def _plainly(found: Diagnosis) -> list[str]:
-    """Return what the proof means, for a reader who meets its words for the first time."""
-    proof = found.proof
-    if proof is None or proof.proven is None:
-        return []
-    unused = f"the data that were not used to fit ({proof.recording})"
-    if proof.left_out:
-        unused = "each part that is left out of the fit"
+def proved(report: ReportContent) -> tuple[Proof, str] | None:
+    """Return the proof of what was found or added, and what it means to a reader who meets its words first."""
+    found, proof = report.diagnosis, report.diagnosis.proof
+    if report.addition is not None and report.addition.proof is not None:
+        proof = report.addition.proof
+    if proof is None:
+        return None
+    if proof.proven is None:
+        return proof, "Not tested on data that were not used to fit."
+    unused = "each part of the recordings from the others"
+    if not proof.left_out:
+        unused = f"{_named(proof.recording)}, which was not used to fit,"
     something = found.effects or found.instruments or found.free_form or found.map or found.events
-    model = "with the findings, the model" if something else "the model"
-    if proof.proven:
-        return [f"That is: {model} predicts {unused} to within the noise (χ²/N near 1)."]
-    return [f"That is: {model} does not predict {unused} to within the noise."]
+    model = "With this, the model" if something or report.addition is not None else "The model"
+    does = "predicts" if proof.proven else "does not predict"
+    return proof, f"{model} {does} {unused} to within the noise of the measurement."
+
+
+def _named(recordings: str) -> str:
+    """Return recordings of a text in quotation marks."""
+    return listed([f"“{name}”" for name in recordings.split(", ")], "and")
 
 
 def _meaning(report: ReportContent) -> list[str]:
@@ -108,27 +124,31 @@ def _meaning(report: ReportContent) -> list[str]:
     if table is None:
         return ["Nothing can be said of the model before these recordings are repeated or corrected."]
     lines = []
-    falls = _worst(table)
-    for name in falls:
-        before, after, noise = (row.rms_of(name) for row in (table.before, table.after, table.noise_floor))
-        unit = unit_for(noise, LISTED[name].unit)
-        sizes = [short(value / unit.size) for value in (before, after, noise)]
-        what = LISTED[name].subject
+    for name in _worst(table):
+        error, noise = table.before.rms_of(name), table.noise_floor.rms_of(name)
+        unit, what = unit_for(error, LISTED[name].unit), LISTED[name].subject
         lines.append(
-            f"{what[:1].upper()}{what[1:]} ({LISTED[name].title}): the error of the model is {sizes[0]} {unit.label} "
-            f"rms, with the findings {sizes[1]} {unit.label}; the noise is {sizes[2]} {unit.label}."
+            f"{what[:1].upper()}{what[1:]}: the model is {short(error / unit.size)} {unit.label} rms off, "
+            f"{short(error / noise)} times the noise."
         )
-        lines += _consequence(report, name, before)
+        lines += _consequence(report, name, error)
     if not lines:
         lines.append("The model predicts these recordings to their noise: nothing needs to be corrected.")
+    elif not any(LISTED[name].group == "average" for name in _above_noise(table)):
+        lines.append("Pointing and mean power are not affected beyond the noise of these recordings.")
     return lines
+
+
+def _above_noise(table: ErrorTable) -> list[str]:
+    """Return the channels whose error is above their noise."""
+    return [
+        name for name in LISTED if name in table.before and not table.before.is_noise(name, table.noise_floor)
+    ]
 
 
 def _worst(table: ErrorTable) -> list[str]:
     """Return the two channels whose error is farthest above noise, of those above it; one of a kind, worst first."""
-    names = [
-        name for name in LISTED if name in table.before and not table.before.is_noise(name, table.noise_floor)
-    ]
+    names = _above_noise(table)
     ratio = {n: table.before.rms_of(n) / (table.noise_floor.rms_of(n) or 1.0) for n in names}
     worst: dict[str, str] = {}
     for name in sorted(names, key=lambda n: -ratio[n]):
@@ -164,7 +184,8 @@ def _advice(report: ReportContent) -> list[str]:
     lines = []
     tied = any(found.ties.values())
     if report.addition is not None:
-        lines.append("Use the corrected model, which has the findings.")
+        saved = report.latest.details.read is not None
+        lines.append(f"Use the corrected model{f', {report.latest.origin}' if saved else ''}.")
     elif found.effects and not tied:
         lines.append(
             f"Add {listed([own.name for own in found.effects], 'and')} to the model; section How to repeat it has the "

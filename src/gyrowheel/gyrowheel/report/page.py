@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from gyrowheel.recordings.picture import envelope
 from gyrowheel.report import sections
-from gyrowheel.report.decision import decision
+from gyrowheel.report.decision import decision, proved
 from gyrowheel.show.figure import PANELS, png_bytes, svg_bytes
 from gyrowheel.show.html import REPORT_MARKS, Cells, embedded, environment, style_sheet, template_text
 from gyrowheel.show.layout import plain_text
@@ -94,7 +94,7 @@ def _parts(report: ReportContent) -> dict[str, Any]:
         ),
         "mark": Markup(REPORT_MARKS[0]),
         "title": report.title,
-        "verdict": found.verdict.replace("_", " "),
+        "verdict": sections.VERDICTS[found.verdict],
         "decision": decision(report, cells),
         "symbols": sections.symbols(report.latest, found),
         "made_by": report.made_by,
@@ -133,13 +133,16 @@ def _parts(report: ReportContent) -> dict[str, Any]:
 
 
 def _proof(report: ReportContent, cells: Cells) -> dict[str, Any] | None:
-    if report.addition is not None and report.addition.proof is not None:
-        proven, place = report.addition.proof.proven, "addition.proof.reason"
-    elif report.diagnosis.proof is not None:
-        proven, place = report.diagnosis.proof.proven, "diagnosis.proof.reason"
-    else:
+    known = proved(report)
+    if known is None:
         return None
-    return {"mood": "open" if proven is None else "good" if proven else "bad", "words": cells.words(place)}
+    proof, meaning = known
+    added = report.addition is not None and report.addition.proof is not None
+    return {
+        "mood": "open" if proof.proven is None else "good" if proof.proven else "bad",
+        "meaning": meaning,
+        "words": cells.words(f"{'addition' if added else 'diagnosis'}.proof.reason"),
+    }
 
 
 def _error_picture(report: ReportContent) -> Picture | None:
@@ -185,7 +188,7 @@ def markdown_page(report: ReportContent) -> str:
     cells = Cells(content)
     proof = _proof(report, cells)
     for part in decision(report, cells):
-        said = [proof["words"]] if proof and part["asked"] == "How sure" else []
+        said = [proof["meaning"], proof["words"]] if proof and part["asked"] == "How sure" else []
         lines += [
             f"**{part['asked']}**\n",
             *(f"- {_words(_plain(line))}" for line in [*said, *part["lines"]]),

@@ -40,6 +40,14 @@ _PLAIN = Unit("", 1.0)
 _MEGABYTE = Unit("MB", 1e6)
 _DECADES = 1.0  # to both sides of a detection limit that its strip shows
 _MOVED = 1.0  # stated uncertainties
+#: Verdicts in words for a reader of page one alone.
+VERDICTS = {
+    "nothing_missing": "Nothing is missing in the model",
+    "effect": "Known effect that the model lacks",
+    "ambiguous": "Several explanations, not settled",
+    "unknown": "Unknown effect that the model lacks",
+    "insufficient_data": "Too few data for a verdict",
+}
 #: Colour of a verdict.
 MOOD = {
     "nothing_missing": "good",
