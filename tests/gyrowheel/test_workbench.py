@@ -321,7 +321,8 @@ def test_residuals_are_what_is_measured_less_what_is_predicted(compared: Session
     assert [row["others"] for row in rows.values()] == [{}] * len(rows)
     compared.steps.append(replace(compared.step, model=gw.Model()))
     after = {row["title"]: row for row in pictures.found(compared)["residuals"]}
-    assert after["spin"]["others"] == {"no effects": {"residual": spin["residual"], "chi2": spin["chi2"]}}
+    alike = {key: spin[key] for key in ("predicted", "residual", "sigma", "chi2")}
+    assert after["spin"]["others"] == {"no effects": alike}
     compared.steps.pop()
 
 
@@ -348,7 +349,17 @@ def test_the_model_of_a_file_is_drawn_over_the_results(compared: Session, wheel:
     np.testing.assert_allclose(
         rows["spin"]["others"]["colleague.yaml"]["residual"], 1e3 * own.data.parts["spin"].values, rtol=1e-4
     )
-    assert rows["spin"]["others"]["colleague.yaml"]["chi2"] < 0.1 * rows["spin"]["chi2"]
+    other = rows["spin"]["others"]["colleague.yaml"]
+    assert other["chi2"] < 0.1 * rows["spin"]["chi2"]
+    # what each predicts differs as what each leaves does, in the units of both
+    size = {"µN·m": 1e-6, "mN·m": 1e-3}
+    change = np.subtract(rows["spin"]["residual"], other["residual"]) * size[rows["spin"]["unit"]]
+    more = np.subtract(other["predicted"], rows["spin"]["predicted"]) * size[rows["spin"]["measured_unit"]]
+    np.testing.assert_allclose(more, change, atol=1e-8)
+    # and so do the windows of the tilt plane
+    drawn = pictures.found(compared)["windows"]
+    part = own.data.parts["spin"]
+    np.testing.assert_allclose(drawn["others"]["colleague.yaml"]["chi2"]["spin"]["values"], part.chi2)
     assert [row["residual"] for row in rows.values()] == [row["residual"] for row in shown]
 
 

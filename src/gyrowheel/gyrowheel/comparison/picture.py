@@ -104,8 +104,13 @@ def arrows(data: WindowResiduals) -> NDArray[Any]:
     """
     part = data.parts[COILS]
     own = part.values * arrow_scale(data)
-    most = 2.0 * _LONG * _reach(data)
+    most = longest_arrow(data)
     return np.where(part.noisy, 0.0, own * np.minimum(1.0, most / np.maximum(np.abs(own), 1e-300)))
+
+
+def longest_arrow(data: WindowResiduals) -> float:
+    """Return the length at which arrows are cut off [deg]."""
+    return 2.0 * _LONG * _reach(data)
 
 
 def _reach(data: WindowResiduals) -> float:

@@ -58,7 +58,7 @@ def residuals(session: Session) -> list[dict[str, Any]]:
     rows = []
     for name, part in found.data.parts.items():
         for place in range(len(part.kind.rows)):
-            alike = {title: parts[name] for title, parts in others.items() if name in parts}
+            alike = {title: parts[name] for title, parts in others.items()}
             rows.append(_row(name, part, place, alike) | {"noise": _noise(found, name, place)})
     return rows
 
@@ -66,7 +66,7 @@ def residuals(session: Session) -> list[dict[str, Any]]:
 def other_models(session: Session) -> dict[str, Comparison]:
     """Return what can be drawn over the results of the model, the latest first: earlier and undone models, and files.
 
-    Each by the effects of its model, or the name of its file; only those with the same windows.
+    Each by the effects of its model, or the name of its file; only those with the same windows and channels.
     """
     now, found = session.step, session.step.comparison
     if found is None:
@@ -81,12 +81,12 @@ def other_models(session: Session) -> dict[str, Comparison]:
 
 def _same_windows(one: Comparison, other: Comparison) -> bool:
     starts, before = one.data.windows.start, other.data.windows.start
-    return len(starts) == len(before) and bool(np.allclose(starts, before))
+    same = len(starts) == len(before) and bool(np.allclose(starts, before))
+    return same and one.data.parts.keys() == other.data.parts.keys()
 
 
 def _row(name: str, part: Part, place: int, others: Mapping[str, Part]) -> dict[str, Any]:
     kind = part.kind
-    values = _side(part.values, place)
     unit = unit_for(float(np.median(np.abs(part.sigma))) or 1.0, kind.unit)
     measured = None if part.measured is None else _side(part.measured, place)
     whole = (
@@ -97,6 +97,16 @@ def _row(name: str, part: Part, place: int, others: Mapping[str, Part]) -> dict[
     def shown(own: Array, unit: Unit = unit) -> list[float]:
         return [float(f"{v:.6g}") for v in own / unit.size]
 
+    def left_by(own: Part) -> dict[str, Any]:
+        """Return what a model leaves, and what it predicts: the measured row contains both."""
+        values = _side(own.values, place)
+        return {
+            "predicted": None if measured is None else shown(measured - values, whole),
+            "residual": shown(values),
+            "sigma": shown(own.sigma),
+            "chi2": _chi2(own),
+        }
+
     return {
         "channel": name,
         "place": place,
@@ -104,15 +114,9 @@ def _row(name: str, part: Part, place: int, others: Mapping[str, Part]) -> dict[
         "unit": unit.label,
         "order": kind.order,
         "measured": None if measured is None else shown(measured, whole),
-        "predicted": None if measured is None else shown(measured - values, whole),
         "measured_unit": whole.label,
-        "residual": shown(values),
-        "sigma": shown(part.sigma),
-        "chi2": _chi2(part),
-        "others": {
-            title: {"residual": shown(_side(own.values, place)), "chi2": _chi2(own)}
-            for title, own in others.items()
-        },
+        **left_by(part),
+        "others": {title: left_by(own) for title, own in others.items()},
     }
 
 

@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel.comparison.picture import arrows, axis_title, cell_label
+from gyrowheel.comparison.picture import arrow_scale, axis_title, cell_label, longest_arrow
 from gyrowheel.show.sentences.residuals import region_description, region_name
 from gyrowheel.workbench.derived import Channel
 from gyrowheel.workbench.library import ROLES
+from gyrowheel.workbench.residual import other_models
 from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.channels import CHANNELS, COILS
 from gyrowheel_analysis.reduction.windows import UPRIGHT, Windows, octants
 from gyrowheel_analysis.residuals.error_table import WindowResiduals
 from gyrowheel_analysis.residuals.maps import VARIABLES, Cell, regions, residual_map
 from gyrowheel_core.errors import InputError
-from gyrowheel_core.units import DEG, RPM, unit_for
+from gyrowheel_core.units import DEG, RPM, Unit, unit_for
 
 Array = NDArray[np.float64]
 
@@ -35,11 +36,7 @@ def windows(session: Session) -> dict[str, Any] | None:
         return None
     data, keys = found.data, [key for key, _ in session.keyed(ROLES[0])]
     w, tilt = data.windows, data.parts.get(COILS)
-    # without both coil voltages there is no residual of the coils
-    values = np.zeros(len(w), dtype=complex) if tilt is None else tilt.values
-    noisy = np.zeros(len(w), dtype=bool) if tilt is None else tilt.noisy
-    unit = unit_for(float(np.median(np.abs(values))), "N·m")
-    ends = np.zeros(len(w), dtype=complex) if tilt is None else arrows(data)
+    unit = unit_for(0.0 if tilt is None else float(np.median(np.abs(tilt.values))), "N·m")
     channel, variable = worst_place(data)
     return {
         "recording": [keys[int(k)] for k in data.recording],
@@ -50,20 +47,32 @@ def windows(session: Session) -> dict[str, Any] | None:
         "tilt_y": (np.imag(w.mean_tilt) / DEG).round(4).tolist(),
         "over": {name: _shown(name, values_of(w, name)) for name in VARIABLES}
         | {own.text: _means(session, own, keys, data) for own in session.derived},
+        "of_coils": tilt is not None,
+        "longest": longest_arrow(data),
+        "unit": unit.label,
+        **_left_by(data, unit),
+        "others": {title: _left_by(own.data, unit) for title, own in other_models(session).items()},
+        "fails": found.fails,
+        "worst": channel,
+        "variable": variable,
+    }
+
+
+def _left_by(data: WindowResiduals, unit: Unit) -> dict[str, Any]:
+    """Return what a model leaves in every window: residual of the coils, its arrows [deg a unit], χ²/N by channel."""
+    tilt = data.parts.get(COILS)
+    # without both coil voltages there is no residual of the coils
+    values = np.zeros(len(data.windows), dtype=complex) if tilt is None else tilt.values
+    noisy = np.zeros(len(values), dtype=bool) if tilt is None else tilt.noisy
+    return {
         "residual_x": (np.real(values) / unit.size).tolist(),
         "residual_y": (np.imag(values) / unit.size).tolist(),
-        "of_coils": tilt is not None,
-        "arrow_x": np.real(ends).round(4).tolist(),
-        "arrow_y": np.imag(ends).round(4).tolist(),
+        "scale": 0.0 if tilt is None else arrow_scale(data) * unit.size,
         "noisy": noisy.tolist(),
-        "unit": unit.label,
         "chi2": {
             name: {"title": CHANNELS[name].title, "values": (part.chi2 / len(part.kind.rows)).tolist()}
             for name, part in data.parts.items()
         },
-        "fails": found.fails,
-        "worst": channel,
-        "variable": variable,
     }
 
 

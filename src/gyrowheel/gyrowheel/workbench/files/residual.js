@@ -1,6 +1,7 @@
 // The residual of a channel: measured and predicted, and what is left with its noise, over any variable; and whether it is noise.
 
-import { P, at, colours, css, element, hear, now, put, send, themed } from "./shared.js";
+import { P, arrange, at, colours, css, element, hear, now, put, send, themed } from "./shared.js";
+import { leftBy, makeSides, ofSide } from "./sides.js";
 import { shown } from "./signals.js";
 import { channel, link, walk, windows } from "./windows.js";
 
@@ -10,8 +11,9 @@ let row = 0; // number of the row of a channel
 let over = "time";
 let view = "over"; // or "order", "noise"
 let other = "itself"; // what noise is correlated with
-let line = null; // at the cursor, where time is drawn
+let lines = []; // at the cursor, where time is drawn, each with the recording
 let picked = [];
+const sides = makeSides("residual", () => showResidual());
 let hidden = null; // titles of other models that are not drawn; before the user chose, all but the latest of the session
 const SIGNS = [["cross", "✚", "--soft"], ["triangle", "▲", "#009E73"], ["square", "■", "#CC79A7"], ["diamond", "◆", "#E69F00"]];
 
@@ -41,13 +43,16 @@ hear("picked", (windows) => {
   picked = windows;
   if (ofChosen()) showResidual();
 });
-hear("cursor", ({ time }) => line?.setv({ location: time, visible: true }));
+hear("cursor", ({ key, time }) => {
+  for (const own of lines) own.line.setv({ location: time, visible: own.key === key });
+});
 at("residual").addEventListener("keydown", walk);
 
 // Before and after a change of the model: any share of it, as the residual is linear in what was fitted, or nearly so.
 let ends = null; // of the dots: their source, and their values before and after
 at("residual-slide").addEventListener("input", slide);
 function slide() {
+  if (!ends) return;
   const part = Number(at("residual-slide").value) / 100;
   at("residual-slid").textContent = part === 1 ? "" : `, ${Math.round(100 * part)} % of the change`;
   const { source, before, after } = ends;
@@ -83,29 +88,34 @@ export function showResidual(again = false) {
   }
   at("residual-over").value = view === "over" ? over : other;
   at("residual-over").parentElement.hidden = view === "order";
-  showModels(own);
-  const mark = JSON.stringify([own, drawnOthers(own), over, other, view, over === "time" ? shown()?.key : null, ofChosen() ? picked : null, view === "order" ? now.found.facts : null]);
+  const shownSides = sides(view === "over" && Boolean(own));
+  const split = shownSides.length > 1;
+  showModels(own, split);
+  const mark = JSON.stringify([own, shownSides, drawnOthers(own), over, other, view, over === "time" ? shown()?.key : null, ofChosen() ? picked : null, view === "order" ? now.found.facts : null]);
   if (mark === drawn && !again) return;
   drawn = mark;
   asked++;
-  line = null;
+  lines = [];
   ends = null;
   at("residual-slider").hidden = true;
   put("residual", null);
   at("residual").tabIndex = own ? 0 : -1;
   at("residual-said").textContent = "";
   if (!own) return;
-  if (view === "noise") noise(own);
-  else if (view === "order") byOrder(own);
-  else if (over === "angle") turn(rows);
-  else against(own);
+  if (view === "noise") return noise(own);
+  if (view === "order") return void byOrder(own);
+  const ranges = {}; // by what they are of: the same in both sides
+  const pictures = shownSides.map((side, k) => (over === "angle" ? turn(rows, side, ranges) : against(own, side, k, ranges, shownSides)));
+  if (pictures.some(({ figures }) => figures.length)) arrange("residual", pictures.map(({ figures }) => figures));
+  at("residual-said").textContent = pictures.map(({ said }, k) => (split ? `${shownSides[k].title}: ${said}` : said)).join(" ");
+  slide();
 }
 
 // Other models, each with the χ²/N of the channel and its sign; files of models that can be compared, too.
-function showModels(own) {
+function showModels(own, split) {
   const titles = Object.keys(own?.others ?? {});
   const files = (own && now.found.models.filter((name) => !titles.includes(name))) || [];
-  at("residual-models").hidden = !own || view !== "over" || over === "angle" || !(titles.length || files.length);
+  at("residual-models").hidden = !own || split || view !== "over" || over === "angle" || !(titles.length || files.length);
   at("residual-files").hidden = !files.length;
   const text = JSON.stringify([titles, files, own?.channel, titles.map((title) => own.others[title].chi2)]);
   if (at("residual-models").dataset.shown === text) return;
@@ -149,18 +159,21 @@ function sign(size) {
   return { size, line_color: null, nonselection_alpha: 0.25 };
 }
 
-// Measured and predicted above, below the residual on its noise, over a variable.
-function against(own) {
+// Measured and predicted above, below the residual on its noise, over a variable, of one side.
+function against(row, side, number, ranges, all) {
   const w = windows();
+  const own = leftBy(side, row);
+  const split = all.length > 1;
   // over time, the windows of the recording that is shown, or of the first one that has any
-  const key = w.recording.includes(shown()?.key) ? shown().key : w.recording[0];
+  const key = side.key ?? (w.recording.includes(shown()?.key) ? shown().key : w.recording[0]);
   const [one, other] = colours();
-  const order = [...own.residual.keys()].filter((k) => over !== "time" || w.recording[k] === key);
+  const order = ofSide(side, [...own.residual.keys()]).filter((k) => over !== "time" || w.recording[k] === key);
   order.sort((a, b) => w.over[over][a] - w.over[over][b]);
   const column = (values) => order.map((k) => values[k]);
   const x = column(w.over[over]);
   const nothing = order.map(() => NaN);
-  const others = Object.entries(own.others);
+  const others = split ? [] : Object.entries(own.others).filter(([title]) => drawnOthers(own).includes(title));
+  const place = (title) => Object.keys(own.others).indexOf(title); // of its sign
   const source = new Bokeh.ColumnDataSource({
     data: {
       x, residual: column(own.residual), low: order.map((k) => -own.sigma[k]), high: order.map((k) => own.sigma[k]),
@@ -168,61 +181,66 @@ function against(own) {
       ...Object.fromEntries(others.map(([title, each]) => [`of ${title}`, column(each.residual)])), marker: order.map((k) => (w.noisy[k] ? "x" : "circle")),
     },
   });
-  const range = new Bokeh.DataRange1d();
   // windows far noisier than the others do not set the scale
-  const sizes = (k) => [Math.abs(own.residual[k]) + own.sigma[k], ...drawnOthers(own).map((title) => Math.abs(own.others[title].residual[k]))];
-  const reach = 1.15 * Math.max(...order.filter((k) => !w.noisy[k]).flatMap(sizes));
+  const drawnRows = [...all.map((each) => leftBy(each, row)), ...others.map(([, each]) => ({ ...each, sigma: own.sigma.map(() => 0) }))];
+  const seenWindows = split ? [...own.residual.keys()] : order;
+  const reach = 1.15 * Math.max(...seenWindows.filter((k) => !w.noisy[k]).flatMap((k) => drawnRows.map((each) => Math.abs(each.residual[k]) + each.sigma[k])));
   const outside = reach > 0 ? order.filter((k) => Math.abs(own.residual[k]) > reach).length : 0;
   const title = now.found.variables.find((each) => each.variable === over).title;
+  ranges.x ??= new Bokeh.DataRange1d();
+  ranges.above ??= new Bokeh.DataRange1d();
+  ranges.below ??= outside || split ? new Bokeh.Range1d({ start: -reach, end: reach }) : new Bokeh.DataRange1d();
+  const tools = { x_range: ranges.x, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" };
   // what is left gets most of the room
-  const above = figure({ sizing_mode: "stretch_width", height: 70, x_range: range, title: `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
+  const above = figure({ ...tools, sizing_mode: "stretch_width", height: 70, y_range: ranges.above, title: side.title || `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)` });
   above.left[0].ticker.desired_num_ticks = 2;
   above.scatter({ field: "x" }, { field: "measured" }, { source, fill_color: one, ...sign(7) });
   above.scatter({ field: "x" }, { field: "predicted" }, { source, marker: "x", ...sign(9), line_color: other, line_width: 2 });
-  const below = figure({ x_range: range, ...(outside ? { y_range: new Bokeh.Range1d({ start: -reach, end: reach }) } : {}), title: `residual, ${own.unit}, on its noise of ±1 σ`, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" });
+  const below = figure({ ...tools, y_range: ranges.below, title: split ? `${own.measured ? "" : `${side.title}: `}residual, ${own.unit}` : `residual, ${own.unit}, on its noise of ±1 σ` });
   const band = new Bokeh.ColumnDataSource({ data: { x, low: source.data.low, high: source.data.high } });
   if (over === "time") below.varea({ field: "x" }, { field: "low" }, { field: "high" }, { source: band, fill_color: css("--soft"), fill_alpha: 0.18 });
   below.segment({ field: "x" }, { field: "low" }, { field: "x" }, { field: "high" }, { source: band, line_color: css("--soft"), line_alpha: 0.6 });
   below.add_layout(new Bokeh.Span({ location: 0, dimension: "width", line_color: css("--soft") }));
-  others.forEach(([title], k) => {
-    if (!drawnOthers(own).includes(title)) return;
-    const colour = colourOf(k);
-    below.scatter({ field: "x" }, { field: `of ${title}` }, { source, marker: SIGNS[k % SIGNS.length][0], ...sign(8), fill_color: colour, fill_alpha: 0.6, line_color: colour, line_width: 1.5 });
-  });
+  for (const [name] of others) {
+    const colour = colourOf(place(name));
+    below.scatter({ field: "x" }, { field: `of ${name}` }, { source, marker: SIGNS[place(name) % SIGNS.length][0], ...sign(8), fill_color: colour, fill_alpha: 0.6, line_color: colour, line_width: 1.5 });
+  }
   below.scatter({ field: "x" }, { field: "residual" }, { source, marker: { field: "marker" }, ...sign(7), fill_color: one, line_color: one });
   below.below[0].axis_label = title;
   if (over === "time") {
-    line = new Bokeh.Span({ dimension: "height", location: 0, line_color: css("--ink"), line_dash: "dotted", visible: false });
+    const line = new Bokeh.Span({ dimension: "height", location: 0, line_color: css("--ink"), line_dash: "dotted", visible: false });
     below.add_layout(line);
+    lines.push({ line, key });
   }
-  const children = own.measured ? [themed(above), themed(below)] : [themed(below)];
-  put("residual", new Bokeh.Column({ children, sizing_mode: "stretch_both" }));
-  link("residual", source, order);
-  const [earlier] = drawnOthers(own).filter((title) => !now.found.models.includes(title));
+  link(`residual ${number}`, source, order);
+  const [earlier] = others.map(([name]) => name).filter((name) => !now.found.models.includes(name));
   if (earlier) {
     ends = { source, before: column(own.others[earlier].residual), after: source.data.residual };
     at("residual-slider").hidden = false;
-    slide();
   }
   const beyond = order.filter((k) => Math.abs(own.residual[k]) > own.sigma[k]).length;
-  at("residual-said").textContent =
+  const said =
     (over === "time" && key !== shown()?.key ? `Of ${now.state.signals.find((each) => each.key === key)?.name}: ` : "") +
     (outside ? `Outside of the picture: ${outside} far noisier. ` : "") +
-    `${beyond} of ${order.length} windows lie beyond their noise of ±1 σ; of noise alone about ${Math.round(0.317 * order.length)} do.` +
-    (drawnOthers(own).length ? ` Dots: the model as it is, χ²/N ${figures(own.chi2)}.` : "");
+    (split
+      ? `${beyond} of ${order.length} windows beyond ±1 σ${side.key === null ? `, χ²/N ${figures(own.chi2)}` : ""}.`
+      : `${beyond} of ${order.length} windows lie beyond their noise of ±1 σ; of noise alone about ${Math.round(0.317 * order.length)} do.`) +
+    (others.length ? ` Dots: the model as it is, χ²/N ${figures(own.chi2)}.` : "");
+  return { figures: own.measured ? [above, below] : [below], said };
 }
 
 // The residual torque of the coils over a turn of the shaft, from its parts once and twice a turn, in the chosen windows or in all.
-function turn(rows) {
+function turn(rows, side, ranges) {
   const [one, other] = colours();
-  const harmonics = rows.filter((own) => own.order && own.channel.startsWith("tilt"));
-  const windows = picked.length ? picked : [...rows[0].residual.keys()];
+  const harmonics = rows.filter((own) => own.order && own.channel.startsWith("tilt")).map((own) => leftBy(side, own));
+  const chosen = ofSide(side, picked.length ? picked : [...rows[0].residual.keys()]);
   const parts = harmonics.map((own) => {
-    const weight = windows.map((k) => own.sigma[k] ** -2);
+    const weight = chosen.map((k) => own.sigma[k] ** -2);
     const whole = weight.reduce((sum, each) => sum + each, 0);
-    return { order: own.order, place: own.place, mean: windows.reduce((sum, k, i) => sum + weight[i] * own.residual[k], 0) / whole, variance: 1 / whole };
+    return { order: own.order, place: own.place, mean: chosen.reduce((sum, k, i) => sum + weight[i] * own.residual[k], 0) / whole, variance: 1 / whole };
   });
-  if (!parts.length) return void (at("residual-said").textContent = "These recordings have no parts once or twice a turn.");
+  if (!parts.length) return { figures: [], said: "These recordings have no parts once or twice a turn." };
+  if (!chosen.length) return { figures: [], said: "None of the chosen windows." };
   const unit = harmonics[0].unit;
   const angle = Array.from({ length: TURN }, (_, k) => (360 * k) / (TURN - 1));
   // x + i y is the sum of (a + i b) exp(i n angle)
@@ -233,18 +251,18 @@ function turn(rows) {
     }, 0);
   // both parts of an order have the same noise, so that of their sum is the same at every angle
   const sigma = Math.sqrt(parts.filter(({ place }) => !place).reduce((all, { variance }) => all + variance, 0));
-  const figures = ["x", "y"].map((name, axis) => {
+  const drawn = ["x", "y"].map((name, axis) => {
     const y = angle.map((own) => sum(axis, own));
     const source = new Bokeh.ColumnDataSource({ data: { angle, y, low: y.map((own) => own - sigma), high: y.map((own) => own + sigma) } });
-    const made = figure({ title: `residual torque of the coils about ${name}, ${unit}, ±1 σ` });
+    ranges[name] ??= new Bokeh.DataRange1d();
+    const made = figure({ y_range: ranges[name], title: side.title ? `${axis ? "" : `${side.title}; `}${name}, ${unit}` : `residual torque of the coils about ${name}, ${unit}, ±1 σ` });
     made.varea({ field: "angle" }, { field: "low" }, { field: "high" }, { source, fill_color: css("--soft"), fill_alpha: 0.3 });
     made.line({ field: "angle" }, { field: "y" }, { source, line_color: axis ? other : one, line_width: 2 });
     made.add_layout(new Bokeh.Span({ location: 0, dimension: "width", line_color: css("--soft") }));
     if (axis) made.below[0].axis_label = "shaft angle, °";
-    return themed(made);
+    return made;
   });
-  put("residual", new Bokeh.Column({ children: figures, sizing_mode: "stretch_both" }));
-  at("residual-said").textContent = `Sum of the parts once and twice a turn, mean of ${picked.length ? `the ${picked.length} chosen` : "all"} windows.`;
+  return { figures: drawn, said: `Sum of the parts once and twice a turn, mean of ${picked.length ? `${chosen.length} chosen` : `all ${chosen.length}`} windows.` };
 }
 
 // By the order of the rotation, in the chosen windows or in all: computed from the samples when it is looked at.

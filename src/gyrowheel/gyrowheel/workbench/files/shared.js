@@ -140,6 +140,12 @@ export function put(place, layout) {
   drawn[place] = Bokeh.documents.at(-1);
 }
 
+// Shows columns of figures in a place.
+export function arrange(place, columns) {
+  const children = columns.map((own) => new Bokeh.Column({ children: own.map(themed), sizing_mode: "stretch_both" }));
+  put(place, new Bokeh.Row({ children, spacing: 8, sizing_mode: "stretch_both" }));
+}
+
 // A table of texts, its first row as head.
 export function table(rows) {
   const made = element("table");

@@ -1,6 +1,7 @@
 // Where the model fails: windows in the tilt plane and over a variable, every channel over every variable, linked.
 
-import { P, at, css, dark, element, fixed, hear, legible, now, put, themed } from "./shared.js";
+import { P, arrange, at, css, dark, element, fixed, hear, legible, now, put } from "./shared.js";
+import { leftBy, makeSides, ofSide } from "./sides.js";
 import { channel, current, link, pick, setChannel, walk, windows } from "./windows.js";
 
 const WORST = 1000; // χ²/N at the end of the colours
@@ -8,7 +9,8 @@ let drawn = null; // windows and maps, as they were drawn
 let seen = null;
 let variable = ""; // of the right picture, or "map" and what it acts on: the missing torque as a map
 let speed = 0; // number of the speed of that
-let ring = null; // around the window at the cursor
+let rings = []; // around the window at the cursor, one in each side: source, side, χ²/N
+const sides = makeSides("where", () => plane(windows()));
 
 // White for noise, on to red; on dark ground from dark to bright.
 function shade(value) {
@@ -72,17 +74,17 @@ hear("picked", () => {
   for (const cell of at("map").querySelectorAll("[aria-pressed]")) cell.removeAttribute("aria-pressed");
 });
 
-const TOOLS = { height: 200, min_height: 150, sizing_mode: "stretch_both", tools: "tap,box_select,wheel_zoom,reset", active_drag: "box_select", active_scroll: "wheel_zoom", toolbar_location: null };
+const TOOLS = { height: 200, min_height: 125, sizing_mode: "stretch_both", tools: "tap,box_select,wheel_zoom,reset", active_drag: "box_select", active_scroll: "wheel_zoom", toolbar_location: null };
 
-// Shows two figures side by side.
-function pair(left, right) {
-  for (const figure of [left, right]) figure.on_event("doubletap", () => figure.reset.emit());
-  put("where", new Bokeh.Row({ children: [themed(left), themed(right)], spacing: 8, sizing_mode: "stretch_both" }));
+function figure(options) {
+  const made = P.figure({ ...TOOLS, ...options });
+  made.on_event("doubletap", () => made.reset.emit());
+  return made;
 }
 
 // A figure of the tilt plane; another one with the same ranges follows it.
 function tiltPlane(title, like = {}) {
-  const made = P.figure({ ...TOOLS, title, match_aspect: true, ...like });
+  const made = figure({ title, match_aspect: true, ...like });
   made.below[0].axis_label = "tilt about x, °";
   made.left[0].axis_label = "tilt about y, °";
   return made;
@@ -95,44 +97,66 @@ function plane(w) {
   at("where-of").hidden = Boolean(map);
   at("where-at").hidden = !map;
   at("where-said").textContent = "";
+  const shown = sides(!map);
+  at("where").classList.toggle("split", shown.length > 1);
+  rings = [];
   if (map) return torque(map, w);
-  const { values: chi2, title } = w.chi2[channel];
   const over = now.found.variables.find((own) => own.variable === variable);
-  const order = [...chi2.keys()].sort((a, b) => chi2[a] - chi2[b]); // the worst on top of those at the same tilt
+  const { title } = w.chi2[channel];
+  // one scale for all arrows: that of the larger residuals
+  const scale = Math.min(...shown.map((side) => leftBy(side, w).scale));
+  let [same, level] = [{}, {}]; // ranges of the first side, which the other one has, too
+  const columns = shown.map((side, n) => {
+    const [left, right] = windowsOf(side, w, scale, n, same, level);
+    left.title.text = side.title || `tilt plane, colour: χ²/N of ${title}`;
+    right.title.text = `χ²/N of ${title}`;
+    right.below[0].axis_label = over.title;
+    [same, level] = [left, right].map(({ x_range, y_range }) => ({ x_range, y_range }));
+    return [left, right];
+  });
+  arrange("where", shown.length > 1 ? columns : columns[0].map((own) => [own]));
+  at("where").dataset.drawn = [channel, variable, ...shown.map((side) => side.title).filter(Boolean)].join(" ");
+  circle();
+}
+
+// The windows of a side in the tilt plane, and their χ²/N over the variable.
+function windowsOf(side, w, scale, number, same, level) {
+  const own = leftBy(side, w);
+  const chi2 = own.chi2[channel].values;
+  const order = ofSide(side, [...chi2.keys()]).sort((a, b) => chi2[a] - chi2[b]); // the worst on top of those at the same tilt
   const column = (make) => order.map(make);
+  const long = (k) => (own.noisy[k] ? 0 : Math.min(scale, w.longest / Math.max(Math.hypot(own.residual_x[k], own.residual_y[k]), 1e-300)));
   const source = new Bokeh.ColumnDataSource({
     data: {
       x: column((k) => w.tilt_x[k]), y: column((k) => w.tilt_y[k]), over: column((k) => w.over[variable][k]),
-      x1: column((k) => w.tilt_x[k] + w.arrow_x[k]), y1: column((k) => w.tilt_y[k] + w.arrow_y[k]),
+      x1: column((k) => w.tilt_x[k] + long(k) * own.residual_x[k]), y1: column((k) => w.tilt_y[k] + long(k) * own.residual_y[k]),
       chi2: column((k) => Math.max(chi2[k], 0.05)), colour: column((k) => shade(chi2[k])),
-      marker: column((k) => (w.noisy[k] ? "x" : "circle")),
+      marker: column((k) => (own.noisy[k] ? "x" : "circle")),
     },
   });
-  ring = new Bokeh.ColumnDataSource({ data: { k: [], x: [], y: [], over: [], chi2: [] } });
+  const ring = new Bokeh.ColumnDataSource({ data: { k: [], x: [], y: [], over: [], chi2: [] } });
+  rings.push({ ring, side, chi2 });
   const mark = { source, size: 9, marker: { field: "marker" }, fill_color: { field: "colour" }, line_color: "#777777", nonselection_alpha: 0.2 };
   const around = { source: ring, size: 17, fill_color: null, line_color: css("--accent"), line_width: 2 };
-  const left = tiltPlane(`tilt plane, colour: χ²/N of ${title}`);
+  const left = tiltPlane("", same);
   if (w.of_coils && channel.startsWith("tilt")) {
     left.segment({ field: "x" }, { field: "y" }, { field: "x1" }, { field: "y1" }, { source, line_color: "#888888", line_width: 1.5 });
   }
   left.scatter({ field: "x" }, { field: "y" }, mark);
   left.scatter({ field: "x" }, { field: "y" }, around);
-  const right = P.figure({ ...TOOLS, title: `χ²/N of ${title}`, y_axis_type: "log" });
-  right.below[0].axis_label = over.title;
+  const right = figure({ y_axis_type: "log", ...level });
   right.left[0].axis_label = "χ²/N";
+  right.left[0].ticker.desired_num_ticks = 3;
   right.add_layout(new Bokeh.Span({ location: 1, dimension: "width", line_color: css("--soft"), line_dash: "dashed" }));
   right.scatter({ field: "over" }, { field: "chi2" }, mark);
   right.scatter({ field: "over" }, { field: "chi2" }, around);
-  pair(left, right);
-  link("where", source, order);
-  at("where").dataset.drawn = `${channel} ${variable}`;
-  circle();
+  link(`where ${number}`, source, order);
+  return [left, right];
 }
 
 // The missing torque as a map at a speed, and its standard deviation, over the tilts; dots: the windows it is from.
 const SHADES = 64;
 function torque(map, w) {
-  ring = null;
   speed = Math.min(speed, map.speeds.length - 1);
   options("where-speed", map.speeds.map((own, k) => [String(k), `${own.speed} rpm`]));
   at("where-speed").value = String(speed);
@@ -166,8 +190,8 @@ function torque(map, w) {
     left.scatter({ field: "x1" }, { field: "y1" }, { source: arrows, marker: "triangle", size: 6, angle: { field: "angle" }, fill_color: css("--ink"), line_color: null });
   }
   right.scatter({ field: "x" }, { field: "y" }, { source: held, size: 7, fill_color: css("--card"), line_color: css("--ink"), nonselection_alpha: 0.25 });
-  pair(left, right);
-  link("where", held, order);
+  arrange("where", [[left], [right]]);
+  link("where 0", held, order);
   at("where").dataset.drawn = `${variable} ${map.speeds[speed].speed}`;
   const most = size.indexOf(Math.max(...size));
   at("where-said").textContent =
@@ -178,12 +202,14 @@ const figures = (value) => String(Number(value.toPrecision(3)));
 
 function circle() {
   const w = windows();
-  if (!ring || !w) return;
-  const own = current < 0 ? [] : [current];
-  ring.data = {
-    k: own, x: own.map((k) => w.tilt_x[k]), y: own.map((k) => w.tilt_y[k]), over: own.map((k) => w.over[variable][k]),
-    chi2: own.map((k) => Math.max(w.chi2[channel].values[k], 0.05)),
-  };
+  if (!w) return;
+  for (const { ring, side, chi2 } of rings) {
+    const own = ofSide(side, current < 0 ? [] : [current]);
+    ring.data = {
+      k: own, x: own.map((k) => w.tilt_x[k]), y: own.map((k) => w.tilt_y[k]), over: own.map((k) => w.over[variable][k]),
+      chi2: own.map((k) => Math.max(chi2[k], 0.05)),
+    };
+  }
 }
 hear("current", circle);
 at("where").addEventListener("keydown", walk);

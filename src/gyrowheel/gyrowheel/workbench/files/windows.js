@@ -25,7 +25,7 @@ export function showWindows(again = false) {
   drawn = text;
   if (!other) return;
   linked.clear();
-  if (w && (w.fails || !(channel in w.chi2))) channel = w.worst;
+  if (w && (w.fails || !(channel in w.chi2))) setChannel(w.worst);
   pick([]);
 }
 
