@@ -474,6 +474,13 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
     session.live._runs[""] = Running(0, SECOND)  # as if it was heard, which does not need ROS
     walked: list[tuple[str, str]] = []
     session.walk = lambda *given: walked.append(given)  # type: ignore[method-assign]
+    sent: list[str] = []
+
+    def go(key: str, *_: Any) -> bool:
+        sent.append(key)
+        return True
+
+    session.live.walk = go  # type: ignore[method-assign,assignment]
     with Server(session, port=0) as server, opened_browser() as browser:
         page = browser.new_page()
         page.set_default_timeout(240_000)
@@ -507,6 +514,24 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
         expect(page.locator("#live-sure")).to_be_hidden()
         page.wait_for_timeout(100)
         assert walked == [("quick", "live")]
+        # so is a setpoint, once its values are allowed
+        session.live._runs[""] = Running(0, SECOND, asked=(0, 1, 0.05, 0.0, 366.5))
+        expect(page.locator("#live-allowed")).to_contain_text("spin rates from 1000 to 4000 rpm")
+        page.locator("#live-x").fill("9")
+        press(page.locator("#live-setpoint button"))
+        expect(page.locator("[data-trouble=setpoint]")).to_have_text(
+            "tilt about x: 9 deg is not allowed; allowed: -3 .. 3 deg"
+        )
+        page.locator("#live-x").fill("1.5")
+        for answer in ("#live-not", "#live-sure .main"):
+            assert sent == []
+            press(page.locator("#live-setpoint button"))
+            expect(page.locator("#live-sure")).to_contain_text("to tilt 1.5, 0°, 2500 rpm")
+            assert faults(page) == []
+            press(page.locator(answer))
+            expect(page.locator("#live-sure")).to_be_hidden()
+        session.wait(60.0)
+        assert sent == ["live"]
         # out of sight, nothing is received
         press(page.locator("#tab-live"), "ArrowLeft")
         while session.live._traces:

@@ -13,20 +13,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
 import pytest
 import yaml
 
 import gyrowheel as gw
-from gyrowheel.workbench.benches import LiveBenches
+from gyrowheel.workbench.benches import LiveBenches, Running
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Server
 from gyrowheel.workbench.session import Session
-from gyrowheel.workbench.trace import BIN_NS, KEPT, ROW, Trace
+from gyrowheel.workbench.setpoints import Setpoint
+from gyrowheel.workbench.trace import BIN_NS, KEPT, ROW, SETPOINTS, Trace
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.surroundings import prepare_environment
 from gyrowheel_core.units import DEG, RPM
+from gyrowheel_core.wire import SECOND
+from gyrowheel_sim.bench import Bench
 
 from ..domains import next_domain
 from .conftest import Wheel
@@ -53,6 +57,7 @@ def test_the_trace_of_a_bench_keeps_the_extremes_of_each_bin_for_a_minute() -> N
     trace.take([sample(7 * BIN_NS + 10, -1.0 * DEG), sample(9 * BIN_NS, float("nan"))])  # bin 8 is missing
     piece = trace.since(-1)
     assert (piece["first"], piece["next"]) == (7, 9)  # bin 9 may not be complete
+    assert trace.latest() is None  # its only reading is no number
     assert [(row[low], row[high], row[-1]) for row in piece["rows"]] == [(-1.0, 5.0, 100.0), (None,) * 3]
     trace.take([sample(10 * BIN_NS, 0.0)])
     assert [row[low] for row in trace.since(9)["rows"]] == [None]
@@ -136,6 +141,100 @@ def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
     finally:
         bench.destroy_node()
         context.try_shutdown()
+
+
+SETPOINT = {"bench": "live", "tilt_x": "1.5", "tilt_y": "-0.5", "spin": "2600"}
+
+
+def test_a_setpoint_is_checked_confirmed_and_sent_once(wheel: Wheel) -> None:
+    session = Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
+    session.live._runs[""] = Running(0, SECOND)  # as if it was heard, which does not need ROS
+    sent: list[tuple[str, Plan, Path | None]] = []
+
+    def walk(key: str, plan: str, folder: Path | None, *_: Any) -> bool:
+        sent.append((key, Plan.load(plan), folder))
+        return True
+
+    session.live.walk = walk  # type: ignore[method-assign,assignment]
+    with Server(session, port=0) as server:
+
+        def said(**given: str) -> str:
+            status, body = ask(server, "/do/setpoint", SETPOINT | given)
+            answer = json.loads(body)
+            assert (status == 200) == ("said" in answer)
+            return str(answer.get("said") or answer["error"])
+
+        # where it is must be known
+        assert "neither a setpoint nor a sample" in said()
+        session.live._runs[""] = Running(0, SECOND, asked=(3, 1, 2.0 * DEG, 0.0, 3000.0 * RPM))
+        for given, sentence in (
+            ({"tilt_x": "4"}, "tilt about x: 4 deg is not allowed; allowed: -3 .. 3 deg"),
+            ({"tilt_y": "nan"}, "tilt about y: nan deg is not allowed; allowed: -3 .. 3 deg"),
+            (
+                {"tilt_x": "2.5", "tilt_y": "2.5"},
+                "tilt of both axes together: 3.53553 deg is not allowed; allowed: 0 .. 3 deg",
+            ),
+            ({"spin": "9000"}, "spin rate: 9000 rpm is not allowed; allowed: 1000 .. 4000 rpm"),
+            ({"spin": "fast"}, "spin rate: 'fast' is no number"),
+            ({"bench": "live/other"}, "bench: 'live/other' does not run"),
+        ):
+            assert said(**given, sure="yes") == sentence
+        # it says what it would do; without a confirmation, and for a page of another site, nothing is sent
+        words = "The running bench moves from tilt 2, 0°, 3000 rpm to tilt 1.5, -0.5°, 2600 rpm in "
+        assert said().startswith(words)
+        for headers in ({"Origin": "http://bench.example"}, {"Host": "bench.example:80"}):
+            assert ask(server, "/do/setpoint", SETPOINT | {"sure": "yes"}, **headers)[0] == 403
+        session.wait(10.0)
+        assert sent == []
+        assert said(sure="yes").startswith(words)
+        session.wait(10.0)
+        ((key, plan, folder),) = sent
+        assert (key, folder, session.trouble) == ("live", None, None)
+        plan.check(Bench.load())
+        # from where it is to there, evenly: the setpoints make no step
+        rows = plan.setpoints()
+        tilt = (rows["tilt_x"] + 1j * rows["tilt_y"]) / DEG
+        assert (tilt[0], rows["spin_rate"][0] / RPM) == pytest.approx((2.0, 3000.0))
+        assert (tilt[-1], rows["spin_rate"][-1] / RPM) == pytest.approx((1.5 - 0.5j, 2600.0))
+        assert np.abs(np.diff(tilt)).max() < 0.011  # 2 deg/s
+        # a bench that describes itself has limits of its own, and one that stands cannot begin a plan
+        narrow = Bench.load("dtg")
+        session.live._take_description("", wire.pack_text(narrow.describe()))
+        top = narrow.value("spin_rate_maximum") / RPM
+        assert f".. {top:.5g} rpm" in said(tilt_x="0", tilt_y="0", spin="90000")
+        session.live._runs[""] = Running(0, SECOND, asked=(3, 1, 0.0, 0.0, 0.0))
+        assert "bench: turns at 0 rpm" in said(sure="yes")
+        assert len(sent) == 1
+
+
+@pytest.mark.graph
+@pytest.mark.slow
+def test_a_running_bench_goes_to_setpoints_one_after_the_other(wheel: Wheel) -> None:
+    pytest.importorskip("rclpy", reason="ROS is not installed")
+    from gyrowheel.graph.api import up
+
+    domain = next_domain()
+    session = Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model))
+    session.live = LiveBenches(session.changed, domain)
+    with up(None, domain=domain) as graph, session.live as live:
+        wait_until(session, lambda: "live" in live.runs and live.runs["live"].allowed is not None)
+        with live.watching("live") as trace:
+            # no setpoint yet, so that its time stands: from its first sample
+            wait_until(session, lambda: trace.latest() is not None)
+            for tilt, spin in ((1.0, 3400.0), (2.0, 3500.0)):
+                session.setpoint("live", Setpoint(tilt, 0.0, spin), sure=True)
+                session.wait(240.0)
+                assert session.trouble is None
+                now = live.setpoint_of("live")
+                assert (now.tilt_x, now.tilt_y, now.spin) == pytest.approx((tilt, 0.0, spin))
+            rows = trace.since(-1)["rows"]
+        asked = [row[-len(SETPOINTS)] for row in rows]
+        first = asked.index(1.0)
+        assert (
+            min(own for own in asked[first:] if own is not None) == 1.0
+        )  # never back to the start of a plan
+        assert rows[-1][ROW.index("low tilt_x")] == pytest.approx(2.0, abs=0.1)
+        assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}
 
 
 @pytest.mark.graph

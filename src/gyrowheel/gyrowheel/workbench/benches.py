@@ -17,6 +17,7 @@ from typing import Any
 from gyrowheel.models.api import Model
 from gyrowheel.recordings.api import Recording, machine_options, note_machine, noted_machine
 from gyrowheel.simulation.api import simulate
+from gyrowheel.workbench.setpoints import Allowed, Setpoint
 from gyrowheel.workbench.trace import Trace
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import HOLD, Plan
@@ -112,6 +113,7 @@ class Running:
     asked: tuple[float, ...] = ()
     holds: tuple[Estimate, ...] = ()  # its settled holds, from the drag estimator of the graph
     silent: bool = False  # whether messages have stopped
+    allowed: Allowed | None = None  # range of its setpoints by its description, once that was received
     namespace: str = ""  # its namespace; empty for the root
 
     @property
@@ -187,11 +189,32 @@ class LiveBenches:
                 if not self._watched[namespace]:
                     del self._watched[namespace], self._traces[namespace]
 
-    def walk(
-        self, key: str, plan: str, folder: Path, progress: Callable[[float], None], ended: Callable[[], bool]
-    ) -> bool:
-        """Have a running bench run a plan and record it in a new folder; return whether the plan was finished.
+    def setpoint_of(self, key: str) -> Setpoint:
+        """Return the setpoint of a running bench: the last one published, or else its state, if that is received.
 
+        InputError if neither is known.
+        """
+        own = self.runs.get(key)
+        if own is not None and own.asked:
+            _, _, x, y, spin = own.asked
+            return Setpoint(x / DEG, y / DEG, spin / RPM)
+        trace = self._traces.get(key.removeprefix(KEY))
+        latest = None if trace is None else trace.latest()
+        if latest is None:
+            raise InputError(f"bench {key[:60]!r}: neither a setpoint nor a sample of it was received yet")
+        return Setpoint(*latest)
+
+    def walk(
+        self,
+        key: str,
+        plan: str,
+        folder: Path | None,
+        progress: Callable[[float], None],
+        ended: Callable[[], bool],
+    ) -> bool:
+        """Have a running bench run a plan; return whether the plan was finished.
+
+        `plan` is a name or the text of a plan, and `folder` a new one for its recording; None: it is not recorded.
         `ended` is polled: whether the bench is to stop the plan. InputError if the bench does not run or answer, or
         refuses or aborts the plan.
         """
@@ -220,7 +243,11 @@ class LiveBenches:
         except ImportError as error:
             self.missing = f"ROS is not installed here ({error})"
             return
-        takers = {topics.SETPOINT: self._take_setpoint, topics.DRAG_ESTIMATE: self._take_estimate}
+        takers = {
+            topics.SETPOINT: self._take_setpoint,
+            topics.DRAG_ESTIMATE: self._take_estimate,
+            topics.BENCH: self._take_description,
+        }
         with listening("workbench", tuple(takers), self._domain) as ear:
             looked, told, there = -math.inf, -math.inf, set[str]()
             before: dict[str, Running] = {}
@@ -272,9 +299,14 @@ class LiveBenches:
                 return
             self._runs[namespace] = replace(own, holds=(*own.holds, estimate)[-_MOST_HOLDS:])
 
+    def _take_description(self, namespace: str, data: bytes) -> None:
+        with contextlib.suppress(ValueError):
+            own = self._runs.get(namespace) or Running(_NEVER, _NEVER, namespace=namespace)
+            self._runs[namespace] = replace(own, allowed=Allowed.described(wire.unpack_text(data)))
+
     def _at(self, namespace: str, stamp: int, *, late: bool = False) -> Running:
         """Return the run at a time; a setpoint before the last one begins another run, an estimate may come late."""
         own = self._runs.get(namespace)
         if own is None or own.stamp_ns < 0 or (stamp < own.stamp_ns and not late):
-            return Running(stamp, stamp, namespace=namespace)
+            return Running(stamp, stamp, namespace=namespace, allowed=None if own is None else own.allowed)
         return replace(own, start_ns=min(own.start_ns, stamp), stamp_ns=max(own.stamp_ns, stamp))

@@ -32,6 +32,7 @@ from gyrowheel.workbench.benches import FRAME
 from gyrowheel.workbench.derived import channel
 from gyrowheel.workbench.residual import orders
 from gyrowheel.workbench.session import Session
+from gyrowheel.workbench.setpoints import read_setpoint
 from gyrowheel.workbench.tables import LARGEST as LARGEST_TABLE
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import disk_errors, json_text
@@ -392,6 +393,9 @@ class _Action(_Guarded):
             "compare": session.compare,
             "follow": lambda: session.follow(given["key"]),
             "walk": lambda: session.walk(given["plan"], given["bench"]),
+            "setpoint": lambda: {
+                "said": session.setpoint(given["bench"], read_setpoint(given, _number), sure="sure" in given)
+            },
             "other": lambda: session.other(given["name"]),
             "diagnose": session.diagnose,
             "add": lambda: session.add(given["what"]),

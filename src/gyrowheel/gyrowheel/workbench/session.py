@@ -22,12 +22,13 @@ from gyrowheel.drag_comparison.api import drag
 from gyrowheel.models.api import Model, effects_to_add
 from gyrowheel.recordings.api import Recording
 from gyrowheel.workbench import tables
-from gyrowheel.workbench.benches import LiveBenches, SimulatedBench
+from gyrowheel.workbench.benches import LiveBenches, Running, SimulatedBench
 from gyrowheel.workbench.coefficients import Estimates
 from gyrowheel.workbench.derived import Channels
 from gyrowheel.workbench.jobs import Jobs, Work
 from gyrowheel.workbench.library import ROLES, USES, Library, Opened, Range, Role, Use, with_range
 from gyrowheel.workbench.report import report_page
+from gyrowheel.workbench.setpoints import Allowed, Setpoint
 from gyrowheel_analysis.drag.estimate import Estimate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError, nearest
@@ -362,10 +363,34 @@ class Session(Jobs):
             raise InputError(f"plan: {plan[:60]!r} is not known; {nearest(plan, Plan.shipped())}")
         self._walk(plan, bench_key, "live")
 
-    def _walk(self, plan: str, bench_key: str, place: str) -> None:
+    def allowed(self, bench_key: str) -> Allowed:
+        """Return the range of the setpoints of a running bench; that of the model's bench until it describes itself."""
+        return self._running(bench_key).allowed or Allowed.of(self.step.model.bench)
+
+    def setpoint(self, bench_key: str, asked: Setpoint, *, sure: bool) -> str:
+        """Have a running bench go to a setpoint and hold it, if `sure`; return what happens, in a sentence."""
+        running, now = self._running(bench_key), self.live.setpoint_of(bench_key)
+        text = self.allowed(bench_key).plan(now, asked)
+        seconds = Plan.load(text).duration
+
+        def work(at: Work) -> None:
+            self.live.walk(bench_key, text, None, at.advancing("on the way"), lambda: at.ended)
+
+        if sure:
+            self._begin(f"{running.title} to {asked.words()}", "setpoint", work)
+        return (
+            f"The {running.title} moves from {now.words()} to {asked.words()} in {seconds:.1f} s, and holds that. "
+            "Nothing is recorded. End, in the first line of the page, stops it where it is."
+        )
+
+    def _running(self, bench_key: str) -> Running:
         running = self.live.runs.get(bench_key)
         if running is None:
             raise InputError(f"bench: {bench_key[:60]!r} does not run")
+        return running
+
+    def _walk(self, plan: str, bench_key: str, place: str) -> None:
+        running = self._running(bench_key)
         self._begin(
             f"testing: {plan} on the {running.title}",
             place,

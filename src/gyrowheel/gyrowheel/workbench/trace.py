@@ -66,6 +66,15 @@ class Trace:
         row[_COUNT:] = np.fmax(row[_COUNT:], high)
         self._latest = max(self._latest, number)
 
+    def latest(self) -> tuple[float, ...] | None:
+        """Return the latest readings of what setpoints are of, in the units of `ROW`; None without one."""
+        with self._lock:
+            if self._latest < 0:
+                return None
+            row = self._rows[self._latest % KEPT]
+            found = tuple(float(row[ROW.index(f"low {name}")]) for name in SETPOINTS)
+        return found if np.isfinite(found).all() else None
+
     def since(self, number: int) -> dict[str, Any]:
         """Return the complete bins from a number on; all that are kept if that one is not among them.
 

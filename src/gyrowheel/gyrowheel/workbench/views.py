@@ -6,6 +6,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
@@ -89,7 +90,12 @@ def state(session: Session) -> dict[str, Any]:
             if run.holds
         ],
         "live": {
-            key: {"title": run.title, "words": run.words(), "silent": run.silent}
+            key: {
+                "title": run.title,
+                "words": run.words(),
+                "silent": run.silent,
+                "allowed": asdict(session.allowed(key)),
+            }
             for key, run in session.live.runs.items()
         },
     }

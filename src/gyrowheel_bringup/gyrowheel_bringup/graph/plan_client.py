@@ -198,7 +198,7 @@ class _Asking:
 
 def run_and_record(
     plan: Plan,
-    record: Path,
+    record: Path | None,
     *,
     namespace: str = "",
     domain: int | None = None,
@@ -211,8 +211,8 @@ def run_and_record(
     ----------
     plan : Plan
         The plan.
-    record : Path
-        New directory for the recording.
+    record : Path or None
+        New directory for the recording; None: without one.
     namespace : str
         Namespace of the bench; empty: the root.
     domain : int, optional
@@ -238,28 +238,27 @@ def run_and_record(
         asking = _Asking(namespace, domain, closing)
         began = time.monotonic()
         asking.until(asking.plans.server_is_ready, began + _APPEAR, "no conductor")
-        directory = str(record.absolute())
-        answer = asking.call(asking.start, StartRecording.Request(directory=directory), "recorder")
-        # its answer to a repeated request: the folder is new, so no other recording is in it
-        if not answer.success and answer.message != already_recording(directory):
-            raise InputError(f"recorder of the bench: {answer.message}")
-        try:
-            result = run_plan(
-                asking.plans,
-                plan,
-                spin=asking.spin,
-                stalled=asking.stalled,
-                patience=_ANSWER,
-                progress=progress,
-                ended=ended,
-            )
-            if result is None:
-                return False
-            if not result.success:
-                raise GraphError("plan_aborted", f"plan {plan.name}: {result.message}", node="conductor")
-            return True
-        finally:
-            asking.call(asking.stop, StopRecording.Request(), "recorder", _FINISH)
+        if record is not None:
+            directory = str(record.absolute())
+            answer = asking.call(asking.start, StartRecording.Request(directory=directory), "recorder")
+            # its answer to a repeated request: the folder is new, so no other recording is in it
+            if not answer.success and answer.message != already_recording(directory):
+                raise InputError(f"recorder of the bench: {answer.message}")
+            closing.callback(asking.call, asking.stop, StopRecording.Request(), "recorder", _FINISH)
+        result = run_plan(
+            asking.plans,
+            plan,
+            spin=asking.spin,
+            stalled=asking.stalled,
+            patience=_ANSWER,
+            progress=progress,
+            ended=ended,
+        )
+        if result is None:
+            return False
+        if not result.success:
+            raise GraphError("plan_aborted", f"plan {plan.name}: {result.message}", node="conductor")
+        return True
 
 
 class PlanClientNode(BenchNode):

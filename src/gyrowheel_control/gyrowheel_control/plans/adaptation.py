@@ -173,8 +173,9 @@ class _Change:
             for key in ("tilt_deg", "cone_radius_deg"):
                 if block.get(key) is not None:
                     block[key] = _each(block[key], scaled)
-        if self._content.get("tilt_limit_deg") is not None:
-            self._content["tilt_limit_deg"] = scaled(self._content["tilt_limit_deg"])
+        for key in ("tilt_limit_deg", "start_tilt_deg"):
+            if self._content.get(key) is not None:
+                self._content[key] = _each(self._content[key], scaled)
         if before > 0.0:
             self._said.append(f"largest tilt {short(before)} → {short(self._largest_tilt())} deg")
 

@@ -113,6 +113,9 @@ class PlanFile(Section):
         "the tilt that the guards of the bench must allow, where it is beyond three fifths of its hard stop",
         "deg",
     )
+    start_tilt_deg: Tilt = _key(
+        (0.0, 0.0), "tilt angles φx and φy that the bench holds when the plan begins", "deg"
+    )
     segments: Annotated[list[Block], Field(min_length=1)] = Field(
         description="blocks, one after the other; the first must give a speed"
     )

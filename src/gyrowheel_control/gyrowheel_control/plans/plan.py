@@ -181,7 +181,7 @@ class Plan:
 
 
 def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
-    tilt, spin, time = 0.0 + 0.0j, math.nan, 0.0
+    tilt, spin, time = complex(*content.start_tilt_deg) * DEG, math.nan, 0.0
     environment = Environment()
     for index, block in enumerate(content.segments):
         where = f"{origin}: segments.{index}"

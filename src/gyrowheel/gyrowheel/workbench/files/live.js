@@ -1,7 +1,7 @@
 // The signals of a running bench as they arrive: a ring of extremes, drawn as a strip that moves.
 
 import { reveal } from "./layout.js";
-import { at, colours, css, dark, element, hear, now, still } from "./shared.js";
+import { at, colours, css, dark, element, hear, now, send, still, tell } from "./shared.js";
 
 const canvas = at("live");
 const pen = canvas.getContext("2d", { willReadFrequently: true }); // drawn by the processor: lines of pixels are quicker so
@@ -47,13 +47,31 @@ dark.addEventListener("change", () => ((palette = null), ask()));
 hear("layout", () => connect());
 new ResizeObserver(() => (connect(), ask())).observe(canvas);
 
-// A plan moves the machine: asked for twice.
+// A plan or a setpoint moves the machine: asked for twice.
+function confirm(words, name, content) {
+  at("live-sure-words").textContent = words;
+  at("live-sure").querySelector("form").dataset.do = name;
+  at("live-sure-content").replaceChildren(...Object.entries(content).map(([field, value]) => element("input", undefined, { type: "hidden", name: field, value })));
+  at("live-sure").showModal();
+}
 at("live-run").addEventListener("submit", (event) => {
   event.preventDefault();
-  at("live-sure-plan").value = at("live-plan").value;
-  at("live-sure-bench").value = key;
-  at("live-sure-words").textContent = `Plan ${at("live-plan").selectedOptions[0].text}: the ${now.state.live[key].title} moves. The plan is recorded, and the recording is diagnosed. End, in the first line of the page, stops it.`;
-  at("live-sure").showModal();
+  confirm(
+    `Plan ${at("live-plan").selectedOptions[0].text}: the ${now.state.live[key].title} moves. The plan is recorded, and the recording is diagnosed. End, in the first line of the page, stops it.`,
+    "walk",
+    { plan: at("live-plan").value, bench: key },
+  );
+});
+at("live-setpoint").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const content = { bench: key, ...Object.fromEntries(new FormData(event.target)) };
+  tell("setpoint", "");
+  try {
+    const { said } = await send("setpoint", content); // what it would do: nothing is sent to the bench yet
+    confirm(said, "setpoint", { ...content, sure: "yes" });
+  } catch (error) {
+    tell("setpoint", error.message);
+  }
 });
 at("live-sure").addEventListener("submit", () => at("live-sure").close());
 at("live-not").addEventListener("click", () => at("live-sure").close());
@@ -63,7 +81,14 @@ export function showLive() {
   if (!(key in now.state.live)) key = benches[0]?.[0] ?? null;
   at("live-none").hidden = key !== null;
   at("live-run").hidden = key === null || now.state.live[key].silent;
-  at("live-run").querySelector("button").disabled = Boolean(now.state.job);
+  at("live-setpoint").hidden = at("live-run").hidden;
+  for (const form of ["live-run", "live-setpoint"]) at(form).querySelector("button").disabled = Boolean(now.state.job);
+  if (key !== null) {
+    const { tilt, slowest, fastest } = now.state.live[key].allowed;
+    const [most, low, high] = [tilt, slowest, fastest].map((own) => Number(own.toPrecision(5)));
+    at("live-allowed").textContent = `Allowed: tilts from −${most} to ${most}°, both together up to ${most}°; spin rates from ${low} to ${high} rpm.`;
+    if (!at("live-spin").value) at("live-spin").value = String(Math.round(0.5 * (low + high)));
+  }
   at("live-line").hidden = canvas.hidden = at("live-said").hidden = key === null;
   const titles = JSON.stringify(benches.map(([name, { title }]) => [name, title]));
   const place = at("live-of");

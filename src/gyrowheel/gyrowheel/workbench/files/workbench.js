@@ -218,7 +218,7 @@ document.addEventListener("submit", async (event) => {
   const form = event.target.closest("form[data-do]");
   if (!form) return;
   event.preventDefault();
-  const place = { map_table: "table", add_formula: "formula", use: "range", other: "residual", derive: "derive", walk: "live" }[form.dataset.do] ?? "page";
+  const place = { map_table: "table", add_formula: "formula", use: "range", other: "residual", derive: "derive", walk: "live", setpoint: "setpoint" }[form.dataset.do] ?? "page";
   try {
     tell(place, "");
     await send(form.dataset.do, Object.fromEntries(new FormData(form, event.submitter)));
