@@ -130,14 +130,17 @@ const drawn = {};
 export function put(place, layout) {
   const old = drawn[place];
   if (old) {
-    old.clear();
-    Bokeh.documents.splice(Bokeh.documents.indexOf(old), 1);
+    Bokeh.documents.splice(Bokeh.documents.indexOf(old.document), 1);
+    old.ready.finally(() => old.document.clear()); // not while it is being drawn
     delete drawn[place];
   }
   at(place).replaceChildren();
   if (!layout) return;
-  P.show(layout, `#${place}`);
-  drawn[place] = Bokeh.documents.at(-1);
+  // each in a frame of its own: one that is still being drawn while another takes its place has no place any more
+  const frame = element("div", undefined, { className: "frame" });
+  at(place).append(frame);
+  const ready = P.show(layout, frame);
+  drawn[place] = { document: Bokeh.documents.at(-1), ready };
 }
 
 // Shows columns of figures in a place.
