@@ -187,7 +187,7 @@ def _strip(axes: Axes, shown: ResidualMap, data: WindowResiduals, norm: Any, *, 
     axes.set_xticks(
         range(len(shown.cells)), [cell_label(variable, cell) for cell in shown.cells], fontsize=_CELL
     )
-    if max(len(cell_label(variable, cell)) for cell in shown.cells) > 3:
+    if len(shown.cells) > 2 and max(len(cell_label(variable, cell)) for cell in shown.cells) > 3:
         axes.tick_params(axis="x", rotation=45)
     axes.set_yticks(range(len(names)), [CHANNELS[name].title for name in names] if first else [])
     axes.tick_params(axis="y", labelsize=_CELL)
