@@ -517,11 +517,13 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
         # so is a setpoint, once its values are allowed
         session.live._runs[""] = Running(0, SECOND, asked=(0, 1, 0.05, 0.0, 366.5))
         expect(page.locator("#live-allowed")).to_contain_text("spin rates from 1000 to 4000 rpm")
+        page.set_viewport_size({"width": 900, "height": 900})  # the pane is lower than what is in it
         page.locator("#live-x").fill("9")
         press(page.locator("#live-setpoint button"))
         expect(page.locator("[data-trouble=setpoint]")).to_have_text(
             "tilt about x: 9 deg is not allowed; allowed: -3 .. 3 deg"
         )
+        expect(page.locator("[data-trouble=setpoint]")).to_be_in_viewport()
         page.locator("#live-x").fill("1.5")
         for answer in ("#live-not", "#live-sure .main"):
             assert sent == []

@@ -1,7 +1,7 @@
 // The signals of a running bench as they arrive: a ring of extremes, drawn as a strip that moves.
 
 import { reveal } from "./layout.js";
-import { at, colours, css, dark, element, hear, now, send, still, tell } from "./shared.js";
+import { at, colours, css, dark, element, hear, now, send, still, tell, troubleField } from "./shared.js";
 
 const canvas = at("live");
 const pen = canvas.getContext("2d", { willReadFrequently: true }); // drawn by the processor: lines of pixels are quicker so
@@ -71,6 +71,7 @@ at("live-setpoint").addEventListener("submit", async (event) => {
     confirm(said, "setpoint", { ...content, sure: "yes" });
   } catch (error) {
     tell("setpoint", error.message);
+    troubleField("setpoint").scrollIntoView({ block: "nearest" });
   }
 });
 at("live-sure").addEventListener("submit", () => at("live-sure").close());
