@@ -334,14 +334,20 @@ def memory_forms() -> tuple[Term, ...]:
         # a bearing that was at rest has another state than one that runs
         begun = _shape("p", 0.5, 0.5, "state at the start over that of a long run", (-1.0, 2.0))
         of_tilt = (_square + _TINY) ** (_k / 2) * _r**_q
-        for name, text, drive, exponents in (
-            ("spin_lag", "speed^q", _r**_q, (_exponent("q", 1, "speed"),)),
-            ("spin_tilt_lag", "|tilt|^k, speed^q", of_tilt, (_exponent("k", 2, "tilt"), power)),
+        for drives, behind, drive, exponents in (
+            ("lag", "speed^q", _r**_q, (_exponent("q", 1, "speed"),)),
+            ("tilt_lag", "|tilt|^k, speed^q", of_tilt, (_exponent("k", 2, "tilt"), power)),
         ):
             state = LawState("m", "1", (drive - late) / _s, _p * drive)
-            text = f"torque on the spin that lags behind {text}"
-            shapes = (*exponents, lag, begun)
-            result.append(_form(f"{name}_{time:g}", text, "shaft_torque", late, *shapes, state=state))
+            for changes, text, target, law, sized in (
+                ("spin", "torque on the spin", "shaft_torque", late, ""),
+                ("stiffness", "torque in proportion to the tilt and to what", "rotor_torque", late * _u, ""),
+                ("coil_gain", "change of the torque per volt of the coils", "coil_gain", late, "gain"),
+                ("motor_gain", "change of the motor's constant", "motor_gain", late, "gain"),
+            ):
+                name, text = f"{changes}_{drives}_{time:g}", f"{text} that lags behind {behind}"
+                shapes = (*exponents, lag, begun)
+                result.append(_form(name, text, target, law, *shapes, sized=sized, state=state))
     return tuple(result)
 
 
