@@ -42,7 +42,12 @@ _MOST = 8_000_000  # points of a course; a longer recording has them farther apa
 _ROW = 0.1  # s, between rows of slow quantities
 _KEPT = 24  # histories of states
 _PARTS = 64  # of a step, at most, unless one is longer than a second: a pause may last for years
-_ROUGH = 8  # sampling instants between the points of a rough course
+_ROUGH = 8  # sampling instants between the points of a rough or thin course
+_THIN = 1.0e-4  # of the range of a state in the windows: error of a thin course that is accepted
+_NEAR, _NEAR_SHARE = (
+    0.5,
+    0.1,
+)  # change of a coefficient, part of it or a share, from which that is checked again
 _BLOCK = 1 << 16  # points at once
 _TURN = 1.5  # rad, the largest turn between two points at which harmonics are followed
 _REVOLUTIONS = 4  # of a block between windows whose harmonics are taken
@@ -91,6 +96,7 @@ class History:
     def __init__(self, windows: Windows, bench: Bench, samples: Samples | None = None) -> None:
         self._windows, self._bench, self._samples, self._every = windows, bench, samples, 1
         self._found: OrderedDict[Any, dict[str, Any]] = OrderedDict()
+        self._checked: dict[Any, tuple[dict[str, float], bool]] = {}
 
     @cached_property
     def rough(self) -> History:
@@ -103,6 +109,23 @@ class History:
     def course(self) -> Course:
         """The motion of the whole recording."""
         return course_of(self._windows, self._bench, self._samples, self._every)
+
+    @cached_property
+    def _thin(self) -> History | None:
+        """The states at some of the sampling instants: enough for a state that follows no swift motion."""
+        course = self.course
+        every = max(k for k in range(1, _ROUGH + 1) if course.per_row % k == 0)
+        if self._every > 1 or every == 1:
+            return None
+        result = History(self._windows, self._bench, self._samples)
+        result._every = every
+        result.course = replace(
+            course,
+            points=np.ascontiguousarray(course.points[::every]),
+            per_row=course.per_row // every,
+            step=course.step * every,
+        )
+        return result
 
     @cached_property
     def _fits(self) -> list[tuple[slice, Any]]:
@@ -128,13 +151,8 @@ class History:
         if key in self._found:
             self._found.move_to_end(key)
             return self._found[key]
-        along = self._along(effect, values)
         basis = np.stack([_terms(np.full(len(phases), x), phases) for x in nodes])
-        terms = np.array([matrix @ along[own] for own, matrix in self._fits])
-        # every state apart, so that its values follow each other in memory
-        fitted = np.einsum(
-            "kpt,nts->snkp", basis, terms.reshape(-1, basis.shape[2], along.shape[1]), order="C"
-        )
+        fitted = self._in_windows(effect, values, basis)
         result: dict[str, Any] = {}
         for (_, name), places in memory_layout([effect]).items():
             parts = [fitted[place] for place in places]
@@ -147,6 +165,32 @@ class History:
             self._found.popitem(last=False)
         return result
 
+    def _in_windows(self, effect: Effect, values: Mapping[str, float], basis: Array) -> Array:
+        """Return the states of an effect in the windows, by the terms of a `basis` (nodes, phases, terms).
+
+        A thin course is taken where it agreed with the whole one at similar coefficients.
+        """
+        law = effect.states, effect.each_flexure
+        about, thin = self._checked.get(law, ({}, False))
+        if self._thin is None or (_similar(effect, values, about) and not thin):
+            return self._fitted(effect, values, basis)
+        few = self._thin._fitted(effect, values, basis)
+        if _similar(effect, values, about):
+            return few
+        whole = self._fitted(effect, values, basis)
+        error = np.abs(few - whole).max(axis=(1, 2, 3), initial=0.0)
+        thin = bool(np.all(error <= _THIN * np.ptp(whole, axis=(1, 2, 3)))) if whole.size else True
+        self._checked[law] = dict(values), thin
+        return few if thin else whole
+
+    def _fitted(self, effect: Effect, values: Mapping[str, float], basis: Array) -> Array:
+        """Return the states (states, windows, nodes, phases) of an effect along the course, fitted in the windows."""
+        along = self._along(effect, values)
+        terms = np.array([matrix @ along[own] for own, matrix in self._fits])
+        # every state apart, so that its values follow each other in memory
+        terms = terms.reshape(-1, basis.shape[2], along.shape[1])
+        return np.einsum("kpt,nts->snkp", basis, terms, order="C")
+
     def _along(self, effect: Effect, values: Mapping[str, float]) -> Array:
         """Return the states (points, numbers) of an effect along the course."""
         course = self.course
@@ -154,7 +198,7 @@ class History:
         coefficients, active = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
         size = memory_size([effect])
         out = np.empty((len(course.points), size // 3))
-        parts = max(math.ceil(course.step / self._bench.sample_period - 1e-6), 1)
+        parts = max(math.ceil(course.step / (_ROUGH * self._bench.sample_period) - 1e-6), 1)
         parts = min(parts, max(_PARTS, math.ceil(course.step)))
         code.states_along(
             coefficients, active, np.zeros(size), course.points, course.slow, course.per_row, course.start,
@@ -167,6 +211,19 @@ class History:
 def _names_in(states: tuple[LawState, ...]) -> frozenset[str]:
     """Return the names in rates and starts of states."""
     return frozenset(s.name for own in states for e in (own.rate, own.start) for s in e.free_symbols)
+
+
+def _similar(effect: Effect, values: Mapping[str, float], about: Mapping[str, float]) -> bool:
+    """Whether coefficients in the states of an effect are close to others for which a course was checked."""
+    names = _names_in(effect.states)
+    for c in effect.coefficients:
+        if c.name in names and c.name in values:
+            if c.name not in about:
+                return False
+            near = max(_NEAR * abs(about[c.name]), _NEAR_SHARE if c.unit == "1" else 0.0)
+            if not abs(values[c.name] - about[c.name]) <= near:
+                return False
+    return bool(about)
 
 
 _codes: dict[Any, Any] = {}
