@@ -300,6 +300,11 @@ BENT = {
     "coil_brake": ("shaft_torque = -a*abs(V_coil)^2; a = 2e-5 [N*m/V^2]", {"a": -2e-5}, 0.04),
     "coil_gain_warming": ("coil_gain = -a*(T_coil - T_ref)^2; a = 3e-4 [1/K^2]", {"a": -3e-4}, 0.04),
     "rate": ("torque = -a*z_rate*abs(z_rate); a = 0.2 [N*m*s^2/rad^2]", {"k": 2.0, "q": 0.0}, 0.0),
+    "stiffness_tilt_lag": (
+        "torque = a*s*z; d(s)/dt = (abs(z)^2/0.0009 - s)/tau; a = 0.005 [N*m/rad]; tau = 15 +- 0.01 [s]",
+        {"k": 2.0, "q": 0.0, "s": 15.0},
+        0.0,
+    ),
     "tilt_beyond": (
         "torque = a*i*z/(1 + exp((p - r)/w)); a = 0.01 [N*m/rad]; p = 0.75 +- 0.001 [1]; w = 0.01 +- 0.0001 [1]",
         {"p": 0.75},

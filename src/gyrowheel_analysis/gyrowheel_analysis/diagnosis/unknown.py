@@ -4,9 +4,9 @@ The family has torques that depend on any multiple of the tilt's azimuth and any
 the tilt rate, bumps, resonances and changes at one speed, dead zones in the tilt, torques that decay with time, gains
 of coils, motor and tilt sensors that depend on the speed or on the square of a warming, torques in proportion to a
 temperature, and coils whose torque is not in proportion to their voltage, turns with the speed, or brakes the spin;
-where laws with a memory are candidates also torques that lag behind the tilt, the speed or the temperature of the
-coils, or that the motion of the tilt pulls along. It answers two questions: whether there is an effect that the
-registered ones do not describe, and which formula describes it.
+where laws with a memory are candidates also torques, stiffnesses and gains of coils that lag behind the tilt, the speed
+or the temperature of the coils, and torques that the motion of the tilt pulls along. It answers two questions: whether
+there is an effect that the registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -110,12 +110,14 @@ _UNITS = {
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
+_LARGEST = 20.0  # usual sizes: the least bound of a free form
 
 
 def _amplitude(name: str, kind: str) -> Coefficient:
     size = _SIZES.get(kind, _SIZE)
     text = "size at the reference tilt and speed"
-    return Coefficient(name, _UNITS.get(kind, "N*m"), text, size, (-1.0, 1.0), "fitted", signed=True)
+    widest = max(_LARGEST * size[1], 1.0)
+    return Coefficient(name, _UNITS.get(kind, "N*m"), text, size, (-widest, widest), "fitted", signed=True)
 
 
 def _form(
@@ -341,9 +343,14 @@ def memory_forms() -> tuple[Term, ...]:
             state = LawState("m", "1", (drive - late) / _s, _p * drive)
             for changes, text, target, law, sized in (
                 ("spin", "torque on the spin", "shaft_torque", late, ""),
-                ("stiffness", "torque in proportion to the tilt and to what", "rotor_torque", late * _u, ""),
+                (
+                    "stiffness",
+                    "torque along or across the tilt, of a stiffness",
+                    "rotor_torque",
+                    late * _u,
+                    "",
+                ),
                 ("coil_gain", "change of the torque per volt of the coils", "coil_gain", late, "gain"),
-                ("motor_gain", "change of the motor's constant", "motor_gain", late, "gain"),
             ):
                 name, text = f"{changes}_{drives}_{time:g}", f"{text} that lags behind {behind}"
                 shapes = (*exponents, lag, begun)
