@@ -296,6 +296,18 @@ BENT = {
         {"a": 5e-5 * math.cos(0.7), "b": 5e-5 * math.sin(0.7)},
         0.04,
     ),
+    "fixed_by_current": (
+        "torque = a*i_motor*exp(i); a = 0.01 [N*m/A]",
+        {"a": 0.01 * math.cos(1.0), "b": 0.01 * math.sin(1.0)},
+        0.04,
+    ),
+    "tilt_by_coils": (
+        "torque = a*z*r^2*(T_coil - T_ref); a = 6e-4 [N*m/rad/K]",
+        {"a": 6e-4 * math.radians(5.0), "q": 2.0},
+        0.04,
+    ),
+    "spin_lobes": ("shaft_torque = -a*re(z)*r; a = 0.03 [N*m/rad]", {"q": 1.0}, 0.0),
+    "coil_gain_lobes": ("coil_gain = a*re(z); a = 0.4 [1/rad]", {"q": 0.0}, 0.0),
     "coil_turn": ("torque = a*i*V_coil*r; a = 4e-4 [N*m/V]", {"b": 4e-4, "q": 1.0}, 0.04),
     "coil_brake": ("shaft_torque = -a*abs(V_coil)^2; a = 2e-5 [N*m/V^2]", {"a": -2e-5}, 0.04),
     "coil_gain_warming": ("coil_gain = -a*(T_coil - T_ref)^2; a = 3e-4 [1/K^2]", {"a": -3e-4}, 0.04),

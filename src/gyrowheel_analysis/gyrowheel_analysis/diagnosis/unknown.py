@@ -3,10 +3,11 @@
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, on a power of
 the tilt rate, bumps, resonances and changes at one speed, dead zones in the tilt, torques that decay with time, gains
 of coils, motor and tilt sensors that depend on the speed or on the square of a warming, torques in proportion to a
-temperature, and coils whose torque is not in proportion to their voltage, turns with the speed, or brakes the spin;
-where laws with a memory are candidates also torques, stiffnesses and gains of coils that lag behind the tilt, the speed
-or the temperature of the coils, and torques that the motion of the tilt pulls along. It answers two questions: whether
-there is an effect that the registered ones do not describe, and which formula describes it.
+temperature or to the motor's current, torques on the spin and gains of the coils that depend on the direction of the
+tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or brakes the spin; where laws
+with a memory are candidates also torques, stiffnesses and gains of coils that lag behind the tilt, the speed or the
+temperature of the coils, and torques that the motion of the tilt pulls along. It answers two questions: whether there
+is an effect that the registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ from gyrowheel_sim.effects.quantities import (
     T_motor,
     T_ref,
     V_coil,
+    i_motor,
     z,
     z_rate,
     z_ref,
@@ -102,11 +104,11 @@ class Proposal:
 #: Usual sizes of a free form: on rotor and shaft, in proportion to the tilt rate, to a temperature, and of a gain.
 _SIZES = {
     "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05),
-    "coils": (5.0e-5, 1.0e-3), "volts": (2.0e-4, 5.0e-3), "cube": (2.0e-6, 5.0e-5),
+    "coils": (5.0e-5, 1.0e-3), "current": (1.0e-4, 1.0e-2), "volts": (2.0e-4, 5.0e-3), "cube": (2.0e-6, 5.0e-5),
     "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5), "warming_square": (2.0e-5, 5.0e-4),
 }  # fmt: skip
 _UNITS = {
-    "warming": "N*m/K", "gain": "1", "volts": "1/V^2", "cube": "N*m/V^3",
+    "warming": "N*m/K", "current": "N*m/A", "gain": "1", "volts": "1/V^2", "cube": "N*m/V^3",
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
@@ -128,10 +130,14 @@ def _form(
     *shapes: Coefficient,
     sized: str = "",
     state: LawState | None = None,
+    directed: bool = False,
 ) -> Term:
+    """Return a free form; a real target whose shape is complex, `directed`, has a part by each axis of it."""
     across = target in ("rotor_torque", "tilt_reading")
     law = (_a + sp.I * _b) * shape if across else _a * shape
-    names = ("a", "b") if across else ("a",)
+    if directed:
+        law = _a * sp.re(shape) + _b * sp.im(shape)
+    names = ("a", "b") if across or directed else ("a",)
     amplitudes = [_amplitude(own, sized or target) for own in names]
     name = name.replace(".", "_")
     effect = Effect(
@@ -251,6 +257,17 @@ def forms() -> tuple[Term, ...]:
         shape = (_square + _TINY) ** (_k / 2) * _r**_q
         text = "torque on the spin, |tilt|^k, speed^q"
         result.append(_form(f"spin_tilt_{q}", text, "shaft_torque", shape, *exponents))
+    # directions enter as powers of the tilt itself: those of zero tilt are none
+    for order, turn in ((1, _u), (2, _u**2)):
+        for name, target, text, sized in (
+            ("spin_lobes", "shaft_torque", "torque on the spin", ""),
+            ("coil_gain_lobes", "coil_gain", "change of the torque per volt of the coils", "gain"),
+        ):
+            direction = "the direction" if order == 1 else f"{order} times the direction"
+            text = f"{text} with {direction} of the tilt, |tilt|^{order}, speed^q"
+            power = _exponent("q", 0, of_speed)
+            law = turn * _r**_q
+            result.append(_form(f"{name}_{order}", text, target, law, power, sized=sized, directed=True))
     for name, target, shape, text in (
         ("coil_gain", "coil_gain", sp.S.One, "change of the torque per volt of the coils"),
         ("motor_gain", "motor_gain", sp.S.One, "change in torque and voltage constant of the motor"),
@@ -261,15 +278,27 @@ def forms() -> tuple[Term, ...]:
         result.append(
             _form(f"{name}_1", f"{text}, speed^q", target, law, _exponent("q", 1, of_speed), sized="gain")
         )
-    for name, warmth in (("coils", T_coil - T_ref), ("motor", T_motor - T_ref)):
-        where = f"in proportion to the temperature of the {name}"
+    for name, cause, what in (
+        ("coils", T_coil - T_ref, "temperature of the coils"),
+        ("motor", T_motor - T_ref, "temperature of the motor"),
+        ("current", i_motor, "current of the motor"),
+    ):
+        where = f"to the {what}, speed^q"
         for kind, text, target, shape in (
-            ("fixed", "torque in a direction that is fixed in the case,", "rotor_torque", sp.S.One),
+            (
+                "fixed",
+                "torque in a direction that is fixed in the case, in proportion",
+                "rotor_torque",
+                sp.S.One,
+            ),
             ("tilt", "torque in proportion to the tilt and", "rotor_torque", _u),
-            ("spin", "torque on the spin", "shaft_torque", sp.S.One),
+            ("spin", "torque on the spin in proportion", "shaft_torque", sp.S.One),
         ):
-            law = warmth * shape
-            result.append(_form(f"{kind}_by_{name}", f"{text} {where}", target, law, sized="warming"))
+            if (kind, name) == ("spin", "current"):
+                continue  # the constant of the motor
+            law, power = cause * shape * _r**_q, _exponent("q", 0, of_speed)
+            sized = "current" if name == "current" else "warming"
+            result.append(_form(f"{kind}_by_{name}", f"{text} {where}", target, law, power, sized=sized))
     for target, warmth, text in (
         (
             "coil_gain",
@@ -288,6 +317,9 @@ def forms() -> tuple[Term, ...]:
     each = [f(V_coil) for f in (sp.re, sp.im)]
     for width in (0.03, 0.3):
         bends = _scale("w", "V", "voltage within which it changes its sign", width, (1.0e-3, 2.0))
+        law = V_coil / sp.sqrt(V_coil * sp.conjugate(V_coil) + _w**2)
+        text = "torque by the direction of the coils' voltage"
+        result.append(_form(f"coil_offset_{width:g}", text, "rotor_torque", law, bends, sized="coils"))
         turned = [v / sp.sqrt(v**2 + _w**2) for v in each]
         text = "torque of each coil pair by the sign of its voltage"
         law = turned[0] + sp.I * turned[1]
