@@ -74,7 +74,7 @@ class Objective:
             coefficients[term][name] = float(value)
         point = Point(self.terms, x[: self.count].copy(), coefficients)
         # a trial step may lead where the law of a coil needs an infinite voltage: its cost is infinite
-        with np.errstate(over="ignore", invalid="ignore"):
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             predicted = self.prediction.rows(point)
             white, pull = self.noise.whiten(self.measured - predicted), self.inverse * (x - self.centre)
             rows = float(white @ white)
