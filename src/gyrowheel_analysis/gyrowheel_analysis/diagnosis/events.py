@@ -63,15 +63,22 @@ class Outcome:
 
 
 def explain(
-    problem: Problem, selection: Selection, recordings: Sequence[Recording], progress: Progress | None = None
+    problem: Problem,
+    selection: Selection,
+    recordings: Sequence[Recording],
+    progress: Progress | None = None,
+    among: Sequence[Term] | None = None,
 ) -> Outcome:
     """Search for events, and for effects or a free form given these events.
 
     Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
-    form do without events, and leave little unexplained. `problem` and `selection` are without events.
+    form do without events, and leave little unexplained. `problem` and `selection` are without events; `among` are the
+    free forms that are compared, by default all.
     """
     found, laws = search_events(problem, selection.best, recordings)
-    without = Outcome(problem, selection, search(problem, selection, progress=progress), [], tuple(laws))
+    without = Outcome(
+        problem, selection, search(problem, selection, among=among, progress=progress), [], tuple(laws)
+    )
     if not found:
         return without
     if without.proposal is not None:
@@ -85,7 +92,7 @@ def explain(
             return without
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
-        best = _given(problem, found)
+        best = _given(problem, found, among)
         again, laws = search_events(problem, best.fit, recordings)
         if _same(found, again):
             break
@@ -98,17 +105,17 @@ def explain(
     return Outcome(
         cleared,
         selection,
-        search(cleared, selection),
+        search(cleared, selection, among=among),
         sorted(best.events, key=lambda f: (f.event.recording, f.event.time)),
         tuple(laws),
     )
 
 
-def _given(problem: Problem, found: list[Found]) -> Outcome:
+def _given(problem: Problem, found: list[Found], among: Sequence[Term] | None) -> Outcome:
     """Return effects and free form, given events."""
     with_events = problem.with_events(all_of(found)).with_drift_estimated()
     selection = select(with_events)
-    return Outcome(with_events, selection, search(with_events, selection), found)
+    return Outcome(with_events, selection, search(with_events, selection, among=among), found)
 
 
 def accepted(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:

@@ -24,7 +24,7 @@ from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
 from gyrowheel_analysis.diagnosis.unknown import Proposal, family, memory_forms, settled
-from gyrowheel_analysis.fitting.fit import Fit
+from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
@@ -97,7 +97,10 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
 
 
 def _with_memory(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
-    """Return the explanation where laws with a memory are candidates, too."""
+    """Return the explanation where laws with a memory are candidates, too.
+
+    If none of them is selected, the free forms are those with a state: others explain as much without these candidates.
+    """
     if progress:
         progress("comparing with laws that have a memory")
     problem = first.problem.with_memory()
@@ -106,7 +109,8 @@ def _with_memory(first: Prepared, recordings: Sequence[Recording], progress: Pro
         # a time or way of a law that is not the usual one looks like drift until it is fitted
         problem = problem.with_drift_estimated(selection.best)
         selection = select(problem, progress=progress)
-    return _explained(replace(first, problem=problem), selection, recordings, progress)
+    among = None if _has_memory(selection.best) else memory_forms()
+    return _explained(replace(first, problem=problem), selection, recordings, progress, among)
 
 
 def _has_memory(fit: Fit) -> bool:
@@ -159,13 +163,20 @@ def _cost(found: Explanation) -> float:
 
 
 def _explained(
-    first: Prepared, selection: Selection, recordings: Sequence[Recording], progress: Progress | None
+    first: Prepared,
+    selection: Selection,
+    recordings: Sequence[Recording],
+    progress: Progress | None,
+    among: Sequence[Term] | None = None,
 ) -> Explanation:
-    """Return the explanation by the candidates of prepared recordings, from the effects selected among them."""
+    """Return the explanation by the candidates of prepared recordings, from the effects selected among them.
+
+    `among` are the free forms that are compared, by default all.
+    """
     weighed = first.reweighed(selection.best)
     if weighed is not first:
         selection = select(weighed.problem, progress=progress)
-    outcome = explain(weighed.problem, selection, recordings, progress)
+    outcome = explain(weighed.problem, selection, recordings, progress, among)
     fitted, proposal = replace(weighed, problem=outcome.problem), outcome.proposal
     if proposal is not None:
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))

@@ -404,8 +404,16 @@ def _pool(problem: Problem) -> list[Term]:
     return family(problem, (*forms(), *memory_forms()) if problem.unknowns.memory else forms())
 
 
-def search(problem: Problem, selection: Selection, *, progress: Progress | None = None) -> Proposal | None:
+def search(
+    problem: Problem,
+    selection: Selection,
+    *,
+    among: Sequence[Term] | None = None,
+    progress: Progress | None = None,
+) -> Proposal | None:
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
+
+    The forms are those `among` the family; by default all that the candidates of the problem allow.
 
     Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
     drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected effects or
@@ -414,7 +422,7 @@ def search(problem: Problem, selection: Selection, *, progress: Progress | None 
     """
     if progress:
         progress("comparing with forms that no declared effect has")
-    pool = _pool(problem)
+    pool = _pool(problem) if among is None else family(problem, among)
     base = problem.evidence(selection.best)
     starts = [selection.best]
     chosen = selection.best.terms
