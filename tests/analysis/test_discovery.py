@@ -308,6 +308,12 @@ BENT = {
     ),
     "spin_lobes": ("shaft_torque = -a*re(z)*r; a = 0.03 [N*m/rad]", {"q": 1.0}, 0.0),
     "coil_gain_lobes": ("coil_gain = a*re(z); a = 0.4 [1/rad]", {"q": 0.0}, 0.0),
+    "tilt_gain_lobes": ("tilt_reading = a*conj(z)^2; a = 0.05 [1/rad]", {"q": 0.0}, 0.0),
+    "coil_mirror_by_coils": (
+        "coil_anisotropy = a*(T_coil - T_ref); a = 0.001 [1/K]",
+        {"a": 0.001, "q": 0.0},
+        0.04,
+    ),
     "coil_turn": ("torque = a*i*V_coil*r; a = 4e-4 [N*m/V]", {"b": 4e-4, "q": 1.0}, 0.04),
     "coil_brake": ("shaft_torque = -a*abs(V_coil)^2; a = 2e-5 [N*m/V^2]", {"a": -2e-5}, 0.04),
     "coil_gain_warming": ("coil_gain = -a*(T_coil - T_ref)^2; a = 3e-4 [1/K^2]", {"a": -3e-4}, 0.04),

@@ -4,10 +4,11 @@ The family has torques that depend on any multiple of the tilt's azimuth and any
 the tilt rate, bumps, resonances and changes at one speed, dead zones in the tilt, torques that decay with time, gains
 of coils, motor and tilt sensors that depend on the speed or on the square of a warming, torques in proportion to a
 temperature or to the motor's current, torques on the spin and gains of the coils that depend on the direction of the
-tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or brakes the spin; where laws
-with a memory are candidates also torques, stiffnesses and gains of coils that lag behind the tilt, the speed or the
-temperature of the coils, and torques that the motion of the tilt pulls along. It answers two questions: whether there
-is an effect that the registered ones do not describe, and which formula describes it.
+tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or brakes the spin. Where an
+error is left, gains and tilt readings may also depend on a temperature, the current or the tilt (`gain_forms`); where
+laws with a memory are candidates, torques, stiffnesses and gains of coils may lag behind the tilt, the speed or the
+temperature of the coils, and the motion of the tilt may pull a torque along. The family answers two questions: whether
+there is an effect that the registered ones do not describe, and which formula describes it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import (
     BESIDE_FORM_GAIN,
+    CHI2_RANGE,
     EXPONENT_CLOSE,
     EXPONENT_KNOWN,
     EXPONENT_WITHIN,
@@ -33,6 +35,7 @@ from gyrowheel_analysis.criteria import (
     FORM_LOSS,
     TIE_LOSS,
 )
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
     Selection,
@@ -104,14 +107,18 @@ class Proposal:
 #: Usual sizes of a free form: on rotor and shaft, in proportion to the tilt rate, to a temperature, and of a gain.
 _SIZES = {
     "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05),
-    "coils": (5.0e-5, 1.0e-3), "current": (1.0e-4, 1.0e-2), "volts": (2.0e-4, 5.0e-3), "cube": (2.0e-6, 5.0e-5),
+    "coils": (5.0e-5, 1.0e-3), "current": (1.0e-4, 1.0e-2),
+    "gain_warming": (1.0e-4, 5.0e-3), "gain_current": (5.0e-3, 0.5), "volts": (2.0e-4, 5.0e-3),
+    "cube": (2.0e-6, 5.0e-5),
     "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5), "warming_square": (2.0e-5, 5.0e-4),
 }  # fmt: skip
 _UNITS = {
-    "warming": "N*m/K", "current": "N*m/A", "gain": "1", "volts": "1/V^2", "cube": "N*m/V^3",
+    "warming": "N*m/K", "current": "N*m/A", "gain_warming": "1/K", "gain_current": "1/A", "gain": "1",
+    "volts": "1/V^2", "cube": "N*m/V^3",
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
+_COMPLEX = ("rotor_torque", "tilt_reading", "coil_anisotropy")
 _LARGEST = 20.0  # usual sizes: the least bound of a free form
 
 
@@ -133,7 +140,7 @@ def _form(
     directed: bool = False,
 ) -> Term:
     """Return a free form; a real target whose shape is complex, `directed`, has a part by each axis of it."""
-    across = target in ("rotor_torque", "tilt_reading")
+    across = target in _COMPLEX
     law = (_a + sp.I * _b) * shape if across else _a * shape
     if directed:
         law = _a * sp.re(shape) + _b * sp.im(shape)
@@ -194,6 +201,10 @@ def _scale(name: str, unit: str, description: str, value: float, bounds: tuple[f
 
 def _time(description: str, value: float) -> Coefficient:
     return _scale("s", "s", description, value, (1.0, 1.0e4))
+
+
+def _turns(order: int) -> str:
+    return "the direction of the tilt" if order == 1 else f"{order} times the direction of the tilt"
 
 
 @functools.cache
@@ -263,8 +274,7 @@ def forms() -> tuple[Term, ...]:
             ("spin_lobes", "shaft_torque", "torque on the spin", ""),
             ("coil_gain_lobes", "coil_gain", "change of the torque per volt of the coils", "gain"),
         ):
-            direction = "the direction" if order == 1 else f"{order} times the direction"
-            text = f"{text} with {direction} of the tilt, |tilt|^{order}, speed^q"
+            text = f"{text} with {_turns(order)}, |tilt|^{order}, speed^q"
             power = _exponent("q", 0, of_speed)
             law = turn * _r**_q
             result.append(_form(f"{name}_{order}", text, target, law, power, sized=sized, directed=True))
@@ -336,6 +346,54 @@ def forms() -> tuple[Term, ...]:
         result.append(_form(f"spin_fading_{time:g}", text, "shaft_torque", fading, fades))
         text = "torque in proportion to the tilt that fades with the time since the start of the recording"
         result.append(_form(f"tilt_fading_{time:g}", text, "rotor_torque", _u * fading, fades))
+    return tuple(result)
+
+
+@functools.cache
+def gain_forms() -> tuple[Term, ...]:
+    """Return the free forms in which a gain depends on a temperature, the motor's current, or the tilt."""
+    result = []
+    of_tilt = (_square + _TINY) ** (_k / 2) * _r**_q
+    for name, target, unit, text in (
+        ("coil_gain", "coil_gain", sp.S.One, "change of the torque per volt of the coils"),
+        (
+            "coil_mirror",
+            "coil_anisotropy",
+            sp.S.One,
+            "difference between the torque per volt of the two coil axes",
+        ),
+        ("motor_gain", "motor_gain", sp.S.One, "change in torque and voltage constant of the motor"),
+        ("resistance", "winding_resistance", sp.S.One, "change in the resistance of the motor's winding"),
+        ("tilt_gain", "tilt_reading", z, "error of the tilt readings in proportion to the tilt and"),
+    ):
+        for cause, of, what, sized in (
+            ("coils", T_coil - T_ref, "to the temperature of the coils", "gain_warming"),
+            ("motor", T_motor - T_ref, "to the temperature of the motor", "gain_warming"),
+            ("current", i_motor, "to the current of the motor", "gain_current"),
+        ):
+            power = _exponent("q", 0, "speed")
+            words = f"{text} {'' if unit is z else 'in proportion '}{what}, speed^q"
+            law = unit * of * _r**_q
+            result.append(_form(f"{name}_by_{cause}", words, target, law, power, sized=sized))
+        exponents = _exponent("k", 2, "tilt"), _exponent("q", 0, "speed")
+        words = f"{text.removesuffix(' and')}, |tilt|^k, speed^q"
+        result.append(_form(f"{name}_of_tilt", words, target, unit * of_tilt, *exponents, sized="gain"))
+        for order in (-3, -2, -1, 1, 2, 3) if unit is z else (-2, -1, 1, 2):
+            # a real gain has both directions of turning at once; those of the coils are among `forms`
+            if target not in _COMPLEX and (order < 0 or name == "coil_gain"):
+                continue
+            if name == "tilt_gain" and order == 1:
+                continue  # the gain itself
+            turn = _u**order if order > 0 else sp.conjugate(_u) ** (-order)
+            words = "error of the tilt readings" if unit is z else text
+            words = f"{words} with {_turns(order)}, |tilt|^{abs(order)}, speed^q"
+            law = (z_ref if unit is z else sp.S.One) * turn * _r**_q
+            result.append(
+                _form(
+                    f"{name}_lobes_{order}".replace("-", "m"), words, target, law, _exponent("q", 0, "speed"),
+                    sized="gain", directed=target not in _COMPLEX,
+                )
+            )  # fmt: skip
     return tuple(result)
 
 
@@ -423,6 +481,8 @@ def search(
     if progress:
         progress("comparing with forms that no declared effect has")
     pool = _pool(problem) if among is None else family(problem, among)
+    if among is None and _leaves(problem, selection.best):
+        pool += family(problem, gain_forms())
     base = problem.evidence(selection.best)
     starts = [selection.best]
     chosen = selection.best.terms
@@ -456,6 +516,11 @@ def search(
             if better and implausible(problem, fit) is None:
                 best = found
     return None if best is None else _simplest(problem, best, base)
+
+
+def _leaves(problem: Problem, fit: Fit) -> bool:
+    """Whether a fit leaves an error, or needs an enlarged drift: then gains are looked at closely, too."""
+    return _covered(problem) >= _COVERING or lack_of_fit(problem, fit) > CHI2_RANGE
 
 
 def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
@@ -596,7 +661,8 @@ def alternatives(problem: Problem, proposal: Proposal) -> tuple[Tie, ...]:
     """
     start = problem.fit(proposal.kept, proposal.fit)
     kind, known = kind_of(proposal.term.name), problem.evidence(proposal.fit)
-    pool = [term for term in _pool(problem) if kind_of(term.name) != kind]
+    pool = [*_pool(problem), *family(problem, gain_forms())]
+    pool = [term for term in pool if kind_of(term.name) != kind]
     found: dict[str, Tie] = {}
     for gain, term in _foremost(rank(problem, start, pool)):
         if _hopeless(problem, proposal.fit, start, gain):
