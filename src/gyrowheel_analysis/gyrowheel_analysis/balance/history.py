@@ -44,10 +44,8 @@ _KEPT = 24  # histories of states
 _PARTS = 64  # of a step, at most, unless one is longer than a second: a pause may last for years
 _ROUGH = 8  # sampling instants between the points of a rough or thin course
 _THIN = 1.0e-4  # of the range of a state in the windows: error of a thin course that is accepted
-_NEAR, _NEAR_SHARE = (
-    0.5,
-    0.1,
-)  # change of a coefficient, part of it or a share, from which that is checked again
+#: Change of a coefficient from which that is checked again: part of it, and of a pure number also this much.
+_NEAR, _NEAR_NUMBER = 0.5, 0.1
 _BLOCK = 1 << 16  # points at once
 _TURN = 1.5  # rad, the largest turn between two points at which harmonics are followed
 _REVOLUTIONS = 4  # of a block between windows whose harmonics are taken
@@ -170,14 +168,13 @@ class History:
 
         A thin course is taken where it agreed with the whole one at similar coefficients.
         """
+        if self._thin is None:
+            return self._fitted(effect, values, basis)
         law = effect.states, effect.each_flexure
         about, thin = self._checked.get(law, ({}, False))
-        if self._thin is None or (_similar(effect, values, about) and not thin):
-            return self._fitted(effect, values, basis)
-        few = self._thin._fitted(effect, values, basis)
         if _similar(effect, values, about):
-            return few
-        whole = self._fitted(effect, values, basis)
+            return (self._thin if thin else self)._fitted(effect, values, basis)
+        few, whole = (course._fitted(effect, values, basis) for course in (self._thin, self))
         error = np.abs(few - whole).max(axis=(1, 2, 3), initial=0.0)
         thin = bool(np.all(error <= _THIN * np.ptp(whole, axis=(1, 2, 3)))) if whole.size else True
         self._checked[law] = dict(values), thin
@@ -220,7 +217,7 @@ def _similar(effect: Effect, values: Mapping[str, float], about: Mapping[str, fl
         if c.name in names and c.name in values:
             if c.name not in about:
                 return False
-            near = max(_NEAR * abs(about[c.name]), _NEAR_SHARE if c.unit == "1" else 0.0)
+            near = max(_NEAR * abs(about[c.name]), _NEAR_NUMBER if c.unit == "1" else 0.0)
             if not abs(values[c.name] - about[c.name]) <= near:
                 return False
     return bool(about)

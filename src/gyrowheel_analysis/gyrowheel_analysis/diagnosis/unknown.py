@@ -64,6 +64,7 @@ from gyrowheel_sim.effects.quantities import (
     z_ref,
 )
 from gyrowheel_sim.effects.registry import for_bench
+from gyrowheel_sim.effects.targets import TARGETS
 
 Array = NDArray[np.float64]
 
@@ -118,7 +119,6 @@ _UNITS = {
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
-_COMPLEX = ("rotor_torque", "tilt_reading", "coil_anisotropy")
 _LARGEST = 20.0  # usual sizes: the least bound of a free form
 
 
@@ -140,7 +140,7 @@ def _form(
     directed: bool = False,
 ) -> Term:
     """Return a free form; a real target whose shape is complex, `directed`, has a part by each axis of it."""
-    across = target in _COMPLEX
+    across = TARGETS[target].complex
     law = (_a + sp.I * _b) * shape if across else _a * shape
     if directed:
         law = _a * sp.re(shape) + _b * sp.im(shape)
@@ -380,7 +380,7 @@ def gain_forms() -> tuple[Term, ...]:
         result.append(_form(f"{name}_of_tilt", words, target, unit * of_tilt, *exponents, sized="gain"))
         for order in (-3, -2, -1, 1, 2, 3) if unit is z else (-2, -1, 1, 2):
             # a real gain has both directions of turning at once; those of the coils are among `forms`
-            if target not in _COMPLEX and (order < 0 or name == "coil_gain"):
+            if not TARGETS[target].complex and (order < 0 or name == "coil_gain"):
                 continue
             if name == "tilt_gain" and order == 1:
                 continue  # the gain itself
@@ -391,7 +391,7 @@ def gain_forms() -> tuple[Term, ...]:
             result.append(
                 _form(
                     f"{name}_lobes_{order}".replace("-", "m"), words, target, law, _exponent("q", 0, "speed"),
-                    sized="gain", directed=target not in _COMPLEX,
+                    sized="gain", directed=not TARGETS[target].complex,
                 )
             )  # fmt: skip
     return tuple(result)
