@@ -137,14 +137,14 @@ def _form(
     *shapes: Coefficient,
     sized: str = "",
     state: LawState | None = None,
-    directed: bool = False,
+    direction: sp.Expr | None = None,
 ) -> Term:
-    """Return a free form; a real target whose shape is complex, `directed`, has a part by each axis of it."""
+    """Return a free form; a real target may have a part by each axis of a complex `direction`, times the shape."""
     across = TARGETS[target].complex
     law = (_a + sp.I * _b) * shape if across else _a * shape
-    if directed:
-        law = _a * sp.re(shape) + _b * sp.im(shape)
-    names = ("a", "b") if across or directed else ("a",)
+    if direction is not None:
+        law = (_a * sp.re(direction) + _b * sp.im(direction)) * shape
+    names = ("a", "b") if across or direction is not None else ("a",)
     amplitudes = [_amplitude(own, sized or target) for own in names]
     name = name.replace(".", "_")
     effect = Effect(
@@ -276,8 +276,7 @@ def forms() -> tuple[Term, ...]:
         ):
             text = f"{text} with {_turns(order)}, |tilt|^{order}, speed^q"
             power = _exponent("q", 0, of_speed)
-            law = turn * _r**_q
-            result.append(_form(f"{name}_{order}", text, target, law, power, sized=sized, directed=True))
+            result.append(_form(f"{name}_{order}", text, target, _r**_q, power, sized=sized, direction=turn))
     for name, target, shape, text in (
         ("coil_gain", "coil_gain", sp.S.One, "change of the torque per volt of the coils"),
         ("motor_gain", "motor_gain", sp.S.One, "change in torque and voltage constant of the motor"),
@@ -387,13 +386,14 @@ def gain_forms() -> tuple[Term, ...]:
             turn = _u**order if order > 0 else sp.conjugate(_u) ** (-order)
             words = "error of the tilt readings" if unit is z else text
             words = f"{words} with {_turns(order)}, |tilt|^{abs(order)}, speed^q"
-            law = (z_ref if unit is z else sp.S.One) * turn * _r**_q
-            result.append(
-                _form(
-                    f"{name}_lobes_{order}".replace("-", "m"), words, target, law, _exponent("q", 0, "speed"),
-                    sized="gain", directed=not TARGETS[target].complex,
-                )
-            )  # fmt: skip
+            law, power = _r**_q, _exponent("q", 0, "speed")
+            own, direction = (
+                f"{name}_lobes_{order}".replace("-", "m"),
+                None if TARGETS[target].complex else turn,
+            )
+            if direction is None:
+                law = law * turn * (z_ref if unit is z else 1)
+            result.append(_form(own, words, target, law, power, sized="gain", direction=direction))
     return tuple(result)
 
 
