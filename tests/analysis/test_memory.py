@@ -228,6 +228,7 @@ def test_typed_laws_with_a_memory_are_fitted_and_hold_on_unused_data(
             "drawn: i*F*s; d(s)/dt = (z_rate - s*abs(z_rate))/b; b = 0.02 +- 0.01 [rad]; F = 4e-4 [N*m]",
             "z_rate",
             id="a torque across the motion",
+            marks=pytest.mark.study,  # as long as ten others
         ),
         pytest.param(
             "warm: shaft_torque = -f*m; d(m)/dt = (r^2 - m)/tau; m(0) = 0; m [1]; tau = 6 +- 3 [s]; f = 0.002 [N*m]",
