@@ -12,8 +12,8 @@ import pytest
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import FEWEST_WINDOWS
 from gyrowheel_analysis.diagnosis import experiment_design
+from gyrowheel_analysis.diagnosis.free_forms import forms
 from gyrowheel_analysis.diagnosis.selection import rank
-from gyrowheel_analysis.diagnosis.unknown import forms
 from gyrowheel_analysis.fitting.fit import Term
 from gyrowheel_analysis.fitting.preparation import TooFewWindowsError, prepare
 from gyrowheel_analysis.fitting.problem import Problem

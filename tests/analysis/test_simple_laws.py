@@ -7,7 +7,7 @@ import pytest
 from gyrowheel.show.sentences.diagnosis import simple_sentence
 from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.findings import FreeForm
-from gyrowheel_analysis.diagnosis.unknown import forms, whole_exponents, with_exponents
+from gyrowheel_analysis.diagnosis.free_forms import forms, whole_exponents, with_exponents
 from gyrowheel_sim.effects.user_defined_line import effect_to_line, typed_effect
 
 Found = dict[str, tuple[float, float]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gyrowheel_analysis.diagnosis.unknown import forms, gain_forms, memory_forms
+from gyrowheel_analysis.diagnosis.free_forms import forms, gain_forms, memory_forms
 from gyrowheel_sim.effects import Effect, registry
 from gyrowheel_sim.plant.scenario import UNREGISTERED
 

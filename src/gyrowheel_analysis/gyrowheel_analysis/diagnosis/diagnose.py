@@ -44,6 +44,7 @@ from gyrowheel_analysis.diagnosis.findings import (
     RivalReport,
     TieReport,
 )
+from gyrowheel_analysis.diagnosis.free_forms import places, whole_exponents, with_exponents
 from gyrowheel_analysis.diagnosis.limits import beyond, unusual
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.proof_result import Proof
@@ -51,14 +52,7 @@ from gyrowheel_analysis.diagnosis.result import Diagnosis, Verdict
 from gyrowheel_analysis.diagnosis.selection import Finding, Tie
 from gyrowheel_analysis.diagnosis.support import supported
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts
-from gyrowheel_analysis.diagnosis.unknown import (
-    Proposal,
-    alternatives,
-    as_found,
-    places,
-    whole_exponents,
-    with_exponents,
-)
+from gyrowheel_analysis.diagnosis.unknown import Proposal, alternatives, as_found
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Prior, Term, without_prior
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, prepare
 from gyrowheel_analysis.fitting.problem import Problem

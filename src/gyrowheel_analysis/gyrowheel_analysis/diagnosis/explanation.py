@@ -20,10 +20,11 @@ from gyrowheel_analysis.criteria import (
 )
 from gyrowheel_analysis.diagnosis.event_dating import Found
 from gyrowheel_analysis.diagnosis.events import explain
+from gyrowheel_analysis.diagnosis.free_forms import memory_forms
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
-from gyrowheel_analysis.diagnosis.unknown import Proposal, family, memory_forms, settled
+from gyrowheel_analysis.diagnosis.unknown import Proposal, family, settled
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem

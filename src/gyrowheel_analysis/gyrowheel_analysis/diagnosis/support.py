@@ -12,9 +12,9 @@ from dataclasses import replace
 from gyrowheel_analysis.criteria import CHANNEL_CHANCE, WORSE_ELSEWHERE
 from gyrowheel_analysis.diagnosis.events import as_events, unused_events
 from gyrowheel_analysis.diagnosis.explanation import Explanation
+from gyrowheel_analysis.diagnosis.free_forms import kind_of
 from gyrowheel_analysis.diagnosis.proof import Unseen, costs_by_channel, left_out_by_channel, predictive_cost
 from gyrowheel_analysis.diagnosis.selection import survives_cross_validation
-from gyrowheel_analysis.diagnosis.unknown import kind_of
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
