@@ -103,7 +103,7 @@ def test_page_one_has_what_was_found_how_sure_what_it_means_and_what_to_do(
     text = next(e for e in page.elements if e.attributes.get("id") == "result").text
     for said in ("What was found", "How sure", "Consistent with other", "What it means", "What to do"):
         assert said in text
-    assert "the model predicts “other”, which was not used to fit, to within the noise" in text
+    assert "the model predicts the data of “other”, which were not used to fit, to within the noise" in text
     # nothing failed, or a tie: no finding is to be added
     nothing = replace(made, diagnosis=Diagnosis.of(diagnosis("nothing_missing")))
     assert "use the model as it is" in str(decision(nothing, Cells(nothing.to_dict()))[3]["lines"])

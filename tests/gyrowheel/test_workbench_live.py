@@ -197,7 +197,7 @@ def test_a_setpoint_is_checked_confirmed_and_sent_once(wheel: Wheel) -> None:
         assert (tilt[0], rows["spin_rate"][0] / RPM) == pytest.approx((2.0, 3000.0))
         assert (tilt[-1], rows["spin_rate"][-1] / RPM) == pytest.approx((1.5 - 0.5j, 2600.0))
         assert np.abs(np.diff(tilt)).max() < 0.011  # 2 deg/s
-        # a bench that describes itself has limits of its own, and one that stands cannot begin a plan
+        # the limits are those of the description that the bench publishes; no plan begins at standstill
         narrow = Bench.load("dtg")
         session.live._take_description("", wire.pack_text(narrow.describe()))
         top = narrow.value("spin_rate_maximum") / RPM

@@ -51,8 +51,7 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
             )
             for name, e in effect.coefficients.items()
         )
-        what = title(effect)
-        lines.append(Markup("{}: {}; ± is one standard error.").format(what[:1].upper() + what[1:], values))
+        lines.append(Markup("{}: {}; ± is one standard error.").format(_as_begin(title(effect)), values))
     lines += [f"{item.title}." for item in found.instruments]
     lines += [Markup("An unknown law; a formula that fits: {}.").format(f.formula) for f in found.free_form]
     if found.map is not None:
@@ -62,6 +61,11 @@ def _found(found: Diagnosis, model: Model, cells: Cells) -> list[Markup | str]:
     return lines  # none where the heading says it all
 
 
+def _as_begin(words: str) -> str:
+    """Return words as the beginning of a sentence; names in them keep their letters."""
+    return words[:1].upper() + words[1:]
+
+
 def _symbol(name: str) -> Markup:
     """Return a symbol with what follows its first underscore as an index."""
     symbol, _, index = name.partition("_")
@@ -69,7 +73,7 @@ def _symbol(name: str) -> Markup:
 
 
 def _sure(report: ReportContent) -> list[str]:
-    """Return what the proof means, what else could explain the recordings, and what they could not show."""
+    """Return what else could explain the recordings, and what they could not show."""
     found = report.diagnosis
     lines: list[str] = []
     tied = {name: [tie.name for tie in ties] for name, ties in found.ties.items() if ties}
@@ -105,16 +109,11 @@ def proved(report: ReportContent) -> tuple[Proof, str] | None:
         return proof, "Not tested on data that were not used to fit."
     unused = "each part of the recordings from the others"
     if not proof.left_out:
-        unused = f"{_named(proof.recording)}, which was not used to fit,"
+        unused = f"the data of “{proof.recording}”, which were not used to fit,"
     something = found.effects or found.instruments or found.free_form or found.map or found.events
     model = "With this, the model" if something or report.addition is not None else "The model"
     does = "predicts" if proof.proven else "does not predict"
     return proof, f"{model} {does} {unused} to within the noise of the measurement."
-
-
-def _named(recordings: str) -> str:
-    """Return recordings of a text in quotation marks."""
-    return listed([f"“{name}”" for name in recordings.split(", ")], "and")
 
 
 def _meaning(report: ReportContent) -> list[str]:
@@ -126,9 +125,9 @@ def _meaning(report: ReportContent) -> list[str]:
     lines = []
     for name in _worst(table):
         error, noise = table.before.rms_of(name), table.noise_floor.rms_of(name)
-        unit, what = unit_for(error, LISTED[name].unit), LISTED[name].subject
+        unit = unit_for(error, LISTED[name].unit)
         lines.append(
-            f"{what[:1].upper()}{what[1:]}: the model is {short(error / unit.size)} {unit.label} rms off, "
+            f"{_as_begin(LISTED[name].subject)}: the model is {short(error / unit.size)} {unit.label} rms off, "
             f"{short(error / noise)} times the noise."
         )
         lines += _consequence(report, name, error)

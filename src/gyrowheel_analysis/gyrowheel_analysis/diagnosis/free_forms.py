@@ -3,9 +3,9 @@
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, on a power of
 the tilt rate, bumps, resonances and changes at one speed, dead zones in the tilt, torques that decay with time, gains
 of coils, motor and tilt sensors that depend on the speed or on the square of a warming, torques in proportion to a
-temperature or to the motor's current, torques on the spin and gains of the coils that depend on the direction of the
-tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or brakes the spin. Where an
-error is left, gains and tilt readings may also depend on a temperature, the current or the tilt (`gain_forms`); where
+temperature or to the motor's current, torques on the spin that depend on the direction of the tilt, and coils whose
+torque is not in proportion to their voltage, turns with the speed, or brakes the spin. Where an error is left, gains
+and tilt readings may also depend on a temperature, the current or the tilt (`gain_forms`); where
 laws with a memory are candidates, torques, stiffnesses and gains of coils may lag behind the tilt, the speed or the
 temperature of the coils, and the motion of the tilt may pull a torque along.
 """
@@ -150,7 +150,8 @@ def _time(description: str, value: float) -> Coefficient:
     return _scale("s", "s", description, value, (1.0, 1.0e4))
 
 
-def _turns(order: int) -> str:
+def _direction(order: int) -> str:
+    """Return a multiple of the direction of the tilt in words."""
     return "the direction of the tilt" if order == 1 else f"{order} times the direction of the tilt"
 
 
@@ -215,15 +216,10 @@ def forms() -> tuple[Term, ...]:
         shape = (_square + _TINY) ** (_k / 2) * _r**_q
         text = "torque on the spin, |tilt|^k, speed^q"
         result.append(_form(f"spin_tilt_{q}", text, "shaft_torque", shape, *exponents))
-    # directions enter as powers of the tilt itself: those of zero tilt are none
     for order, turn in ((1, _u), (2, _u**2)):
-        for name, target, text, sized in (
-            ("spin_lobes", "shaft_torque", "torque on the spin", ""),
-            ("coil_gain_lobes", "coil_gain", "change of the torque per volt of the coils", "gain"),
-        ):
-            text = f"{text} with {_turns(order)}, |tilt|^{order}, speed^q"
-            power = _exponent("q", 0, of_speed)
-            result.append(_form(f"{name}_{order}", text, target, _r**_q, power, sized=sized, direction=turn))
+        text = f"torque on the spin with {_direction(order)}, |tilt|^{order}, speed^q"
+        power = _exponent("q", 0, of_speed)
+        result.append(_form(f"spin_lobes_{order}", text, "shaft_torque", _r**_q, power, direction=turn))
     for name, target, shape, text in (
         ("coil_gain", "coil_gain", sp.S.One, "change of the torque per volt of the coils"),
         ("motor_gain", "motor_gain", sp.S.One, "change in torque and voltage constant of the motor"),
@@ -325,14 +321,13 @@ def gain_forms() -> tuple[Term, ...]:
         words = f"{text.removesuffix(' and')}, |tilt|^k, speed^q"
         result.append(_form(f"{name}_of_tilt", words, target, unit * of_tilt, *exponents, sized="gain"))
         for order in (-3, -2, -1, 1, 2, 3) if unit is z else (-2, -1, 1, 2):
-            # a real gain has both directions of turning at once; those of the coils are among `forms`
-            if not TARGETS[target].complex and (order < 0 or name == "coil_gain"):
-                continue
+            if not TARGETS[target].complex and order < 0:
+                continue  # real and imaginary part have both signs
             if name == "tilt_gain" and order == 1:
                 continue  # the gain itself
             turn = _u**order if order > 0 else sp.conjugate(_u) ** (-order)
             words = "error of the tilt readings" if unit is z else text
-            words = f"{words} with {_turns(order)}, |tilt|^{abs(order)}, speed^q"
+            words = f"{words} with {_direction(order)}, |tilt|^{abs(order)}, speed^q"
             law, power = _r**_q, _exponent("q", 0, "speed")
             own, direction = (
                 f"{name}_lobes_{order}".replace("-", "m"),

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, stats
+from scipy import ndimage
+from scipy.special import chdtri, fdtri
 
 from gyrowheel_analysis.channels import CHANNELS, Quantity
 from gyrowheel_analysis.residuals.error_table import WindowResiduals
@@ -176,9 +177,9 @@ def _averaged(powers: Array, count: int) -> tuple[Array, Array]:
     # blocks that are noisier than others count for more, so that the mean scatters as that of fewer
     blocks = float(strength.sum() ** 2 / np.sum(strength**2)) if strength.any() else float(len(powers))
     near = min(2 * round(_AROUND * TURNS) + 1, count)
-    of_median = stats.chi2.ppf(0.5, 2.0 * blocks) / (2.0 * blocks)
+    of_median = chdtri(2.0 * blocks, 0.5) / (2.0 * blocks)
     around = ndimage.median_filter(mean, near, mode="nearest") / of_median
     free = 2.0 * blocks * max(near * _INDEPENDENT * _OF_MEDIAN, 1.0)
     chance = _NOISE ** (1.0 / max(count * _INDEPENDENT, 1.0))
-    level = around * stats.f.ppf(chance, 2.0 * blocks, free)
+    level = around * fdtri(2.0 * blocks, free, chance)
     return np.sqrt(mean), np.sqrt(level)
