@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+import gyrowheel as gw
 from gyrowheel.simulation.api import record_simulation
 from gyrowheel.simulation.scenario import scenario
+from gyrowheel.workbench.library import Library
+from gyrowheel.workbench.session import Session
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
@@ -41,3 +45,16 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Wheel:
         record_simulation(folder / plan.name, bench, machine, plan)
     Model.new().save(folder / "model.yaml")
     return Wheel(folder / "drag", folder / "other", folder / "model.yaml")
+
+
+@pytest.fixture(scope="module")
+def compared(wheel: Wheel) -> Iterator[Session]:
+    """Return a session with a recording compared and its holds predicted, and nothing diagnosed."""
+    session = Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model), wheel.model)
+    session.open("0/drag", "fitted")
+    session.wait(240.0)
+    session.compare()
+    session.wait(240.0)
+    assert session.trouble is None
+    yield session
+    session.shut()
