@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import json
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +18,7 @@ from gyrowheel_core import wire
 
 if TYPE_CHECKING:
     from gyrowheel.workbench.server import Server
+    from gyrowheel.workbench.session import Session
 
 #: A plan that shows drag: three speeds, some tilts.
 DRAG_PLAN = """\
@@ -105,3 +108,15 @@ def ask(server: Server, path: str, content: Any = None, **headers: str) -> tuple
 def sample(stamp_ns: int, tilt_x: float) -> bytes:
     """Return a serialized measurement."""
     return wire.MEASUREMENT.pack(stamp_ns, 1, tilt_x, *[0.5] * 10)
+
+
+def wait_until(session: Session, so: Callable[[], bool]) -> None:
+    """Wait until something is so, at most four minutes."""
+    changed = threading.Event()
+    unwatch = session.watch(changed.set)
+    for _ in range(1200):
+        changed.clear()
+        if so() or (changed.wait(0.2) and so()):
+            unwatch()
+            return
+    raise AssertionError("it does not come")

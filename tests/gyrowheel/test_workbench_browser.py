@@ -26,7 +26,7 @@ from gyrowheel_core.wire import SECOND
 from .browser import faults, needs_browser, opened_browser, press
 from .conftest import Wheel
 from .findings import judged_case
-from .helpers import sample, write
+from .helpers import sample, wait_until, write
 from .lab_tables import lab_table
 
 EVIL = "<img src=x onerror=alert(1)></script><script>alert(2)</script>"
@@ -510,7 +510,7 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
         press(page.locator("#live-run button"))
         press(page.locator("#live-sure .main"))
         expect(page.locator("#live-sure")).to_be_hidden()
-        page.wait_for_timeout(100)
+        wait_until(session, lambda: bool(walked))
         assert walked == [("quick", "live")]
         # so is a setpoint, once its values are allowed
         session.live._runs[""] = Running(0, SECOND, asked=(0, 1, 0.05, 0.0, 366.5))
@@ -530,7 +530,7 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
             assert faults(page) == []
             press(page.locator(answer))
             expect(page.locator("#live-sure")).to_be_hidden()
-        session.wait(60.0)
+        wait_until(session, lambda: bool(sent))
         assert sent == ["live"]
         # out of sight, nothing is received
         press(page.locator("#tab-live"), "ArrowLeft")

@@ -8,7 +8,6 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,19 +33,7 @@ from gyrowheel_sim.bench import Bench
 
 from ..domains import next_domain
 from .conftest import Wheel
-from .helpers import SHORT_PLAN, ask, sample, write
-
-
-def wait_until(session: Session, so: Callable[[], bool]) -> None:
-    """Wait until something is so, at most four minutes."""
-    changed = threading.Event()
-    unwatch = session.watch(changed.set)
-    for _ in range(1200):
-        changed.clear()
-        if so() or (changed.wait(0.2) and so()):
-            unwatch()
-            return
-    raise AssertionError("it does not come")
+from .helpers import SHORT_PLAN, ask, sample, wait_until, write
 
 
 def test_the_trace_of_a_bench_keeps_the_extremes_of_each_bin_for_a_minute() -> None:
