@@ -29,7 +29,7 @@ def opened_browser() -> Iterator[Any]:
 
 
 def faults(page: Any) -> list[str]:
-    """Return the faults of accessibility of a page, of any level, in light and in dark."""
+    """Return the faults of accessibility of a page, of any level; in dark those of colours: nothing else changes."""
     axe = resources.files("axe_playwright_python").joinpath("axe.min.js").read_text(encoding="utf-8")
     said = []
     for theme in ("light", "dark"):
@@ -37,7 +37,8 @@ def faults(page: Any) -> list[str]:
         page.wait_for_function("(theme) => matchMedia(`(prefers-color-scheme: ${theme})`).matches", arg=theme)
         if page.evaluate("!window.axe"):
             page.evaluate(axe)
-        found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+        rules = {"runOnly": ["color-contrast", "link-in-text-block"]} if theme == "dark" else {}
+        found = page.evaluate("(rules) => axe.run(document, {resultTypes: ['violations'], ...rules})", rules)
         said += [
             f"{page.url}, {theme}: {fault['id']}: {node['html']}"
             for fault in found["violations"]
@@ -48,15 +49,30 @@ def faults(page: Any) -> list[str]:
 
 
 def press(target: Any, *keys: str) -> None:
-    """Go to an element with the Tab key alone, either way, and press keys there: Enter if none are given."""
+    """Press keys at an element that the Tab key leaves and comes back to: Enter if none are given."""
     keyboard = target.page.keyboard
-    target.wait_for()
-    way = "(own) => own === document.activeElement ? 0 : own.compareDocumentPosition(document.activeElement)"
-    for _ in range(600):
-        if not (place := target.evaluate(way)):
+    for _ in range(20):  # a page that draws at that instant may move the focus
+        target.focus()
+        for key in ("Shift+Tab", "Tab"):
+            keyboard.press(key)
+        if target.evaluate("(own) => own === document.activeElement"):
             break
-        keyboard.press("Shift+Tab" if place & 4 else "Tab")  # 4: the focus is behind it
     else:
         raise AssertionError(f"{target}: is not reached with Tab")
     for key in keys or ("Enter",):
         keyboard.press(key)
+
+
+def walked(page: Any) -> list[str]:
+    """Return what the Tab key alone comes to, from the first link of a page to its end: its id, or that around it."""
+    page.locator("a").first.focus()
+    places: list[str] = []
+    for _ in range(600):
+        page.keyboard.press("Tab")
+        own = page.evaluate(
+            "document.activeElement === document.body ? null : (document.activeElement.closest('[id]')?.id ?? '')"
+        )
+        if own is None:
+            return places
+        places.append(own)
+    raise AssertionError(f"does not end: {places[-5:]}")
