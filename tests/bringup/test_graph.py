@@ -7,56 +7,30 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 
-from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, GraphResult, Progress, find_executable
+from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError, find_executable
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Integrity, Recording
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import registry
-from gyrowheel_sim.plant.scenario import Scenario
 
 from ..domains import next_domain
+from .conftest import Session, everything
 from .helpers import SHORT_PLAN, Bystander, alive, odd_bench, wait_for
 
 pytestmark = pytest.mark.graph
 
 
-def everything() -> Scenario:
-    """Return a machine with every effect at its usual size."""
-    effects = {name: {c.name: c.usual[0] for c in effect.coefficients} for name, effect in registry().items()}
-    return Scenario.nominal(effects, noise_seed=5)
-
-
-class Session(NamedTuple):
-    result: GraphResult
-    progress: list[Progress]
-    recording: Recording
-    plan: Plan
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    """One run of the short plan, recorded."""
-    directory = tmp_path_factory.mktemp("graph") / "recording"
-    plan = Plan.load(SHORT_PLAN)
-    progress: list[Progress] = []
-    with Graph(plan, scenario=everything(), record=directory, domain_id=next_domain()) as graph:
-        assert all(alive(pid) for pid in graph.pids.values())
-        result = graph.run(progress=progress.append)
-    return Session(result, progress, Recording.open(directory), plan)
-
-
 def test_five_processes_run_the_plan_and_end(session: Session):
     result = session.result
     assert set(result.pids) == set(EXECUTABLES)
-    assert len({os.getpid(), *result.pids.values()}) == 6
+    assert len({session.starter, *result.pids.values()}) == 6
     assert not any(alive(pid) for pid in result.pids.values())
     assert result.segments == len(session.plan.segments)
     assert result.simulated_seconds == pytest.approx(session.plan.duration)
