@@ -30,7 +30,7 @@ _COUNTS = {
     "typed": 30,
     "csv": 20,
     "parquet": 20,
-    "format": 30,
+    "format": 15,
 }
 
 

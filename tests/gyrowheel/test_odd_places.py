@@ -17,7 +17,7 @@ import gyrowheel as gw
 from gyrowheel.cli.console import BAD_INPUT, OK
 
 from .conftest import Wheel
-from .helpers import Shell
+from .helpers import Shell, write
 
 #: A space, quotes, a line break, escapes of terminals, letters of other scripts, marks that mean something in paths of
 #: ours and in formulas of pictures, a byte that is no text, and a dash that no option begins with.
@@ -95,23 +95,40 @@ def full(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(folder)], check=True)
 
 
-def test_a_full_disk_under_every_verb_that_writes(gyrowheel: Shell, wheel: Wheel, full: Path) -> None:
+#: Every kind of file: a model that is replaced, results, pictures, recordings, and tables.
+WRITING = (
+    "model remove windage --model {full}/wheel.yaml",
+    "info {recording} --json {full}/a.json",
+    "momentum --picture {full}/a.png",
+    "salvage {recording} -o {full}/saved",
+    "correct {recording} -o {full}/right --scale tilt_x=-1",
+    "export {recording} -o {full}/a.csv",
+    "export {recording} -o {full}/a.parquet",
+)
+#: Those that fit before they write a file of the same kinds, and the report.
+FITTING = (
+    "model add windage --model {full}/wheel.yaml --fit {recording}",
+    "compare {recording} --model {model} --json {full}/a.json",
+    "report {recording} --model {model} -o {full}/a.html",
+)
+
+
+@pytest.mark.parametrize(
+    "calls", [WRITING, pytest.param(FITTING, marks=pytest.mark.study)], ids=["writing", "fitting"]
+)
+def test_a_full_disk_under_every_verb_that_writes(
+    calls: tuple[str, ...], gyrowheel: Shell, wheel: Wheel, full: Path
+) -> None:
     """One line, exit code 2; what was there is as it was, and nothing is beside it."""
     model = full / "wheel.yaml"
-    assert gyrowheel("model", "new", "--model", str(model)).code == OK
+    effects = "" if calls is FITTING else "windage: {w: 0.001, n: 1.5}"
+    write(model, f"schema: 1\nbench: gyrowheel\noverrides: {{}}\neffects: {{{effects}}}\nhistory: []\n")
     old = model.read_bytes()
-    (full / "filling").write_bytes(bytes(64 * 1024 - 2 * 4096))  # not a page is left
-    recording = str(wheel.recording)
-    for arguments in (
-        ("model", "add", "windage", "--model", str(model), "--fit", recording),
-        ("compare", recording, "--model", str(wheel.model), "--json", str(full / "a.json")),
-        ("compare", recording, "--model", str(wheel.model), "--picture", str(full / "a.png")),
-        ("salvage", recording, "-o", str(full / "saved")),
-        ("correct", recording, "-o", str(full / "right"), "--scale", "tilt_x=-1"),
-        ("export", recording, "-o", str(full / "a.csv")),
-        ("export", recording, "-o", str(full / "a.parquet")),
-        ("report", recording, "--model", str(wheel.model), "-o", str(full / "a.html")),
-    ):
+    (full / "filling").write_bytes(bytes(64 * 1024 - 4096))  # the model has the last page
+    for call in calls:
+        arguments = [
+            word.format(full=full, recording=wheel.recording, model=wheel.model) for word in call.split()
+        ]
         done = gyrowheel(*arguments)
         assert done.code == BAD_INPUT, (arguments, done.err)
         last = done.err.strip().splitlines()[-1]

@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import gyrowheel as gw
 from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
 from gyrowheel_recording.bags import Recording
 
 from ..domains import next_domain
-from .helpers import SHORT_PLAN, Shell, write
+from .helpers import Shell, write
 from .test_drag import assert_same, recorded
 
 #: A machine with a learned parameter.
@@ -46,39 +45,55 @@ COMMAND = [sys.executable, "-c", "from gyrowheel.cli.app import main; main()"]
 pytestmark = pytest.mark.graph
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "truth", [pytest.param(MODEL, id="known"), pytest.param(OWN, id="own", marks=pytest.mark.study)]
 )
-def test_up_and_simulate_give_the_same_samples(truth: str, gyrowheel: Shell, tmp_path: Path):
-    plan = write(tmp_path / "plan.yaml", SHORT_PLAN)
+def test_a_bench_that_runs_gives_the_samples_of_simulate_is_diagnosed_and_may_end_early(
+    truth: str, gyrowheel: Shell, tmp_path: Path
+):
+    plan = write(tmp_path / "plan.yaml", STEADY_PLAN)
     model = write(tmp_path / "model.yaml", truth)
-    machine = ["--plan", plan, "--effect", "aero_restoring", "--truth", model, "--machine", 3, "--seed", 8]
-    shown = subprocess.run(
-        [
-            *COMMAND,
-            "up",
-            *map(str, machine),
-            "--record",
-            str(tmp_path / "up"),
-            "--json",
-            str(tmp_path / "up.json"),
-        ],
+    machine = ["--plan", plan, "--effect", "windage", "--truth", model, "--machine", 3, "--seed", 8]
+    options = [
+        "--record",
+        "run",
+        "--diagnose",
+        "--model",
+        "model.yaml",
+        "--until",
+        "settled",
+        "--json",
+        "up.json",
+    ]
+    done = subprocess.run(
+        [*COMMAND, "up", *map(str, machine), *options],
         capture_output=True,
         text=True,
-        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain())},
+        cwd=tmp_path,
+        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain()), "COLUMNS": "80"},
     )
-    assert shown.returncode == 0, shown.stderr
-    assert "times real time" in shown.stdout
-    assert f"recording: {tmp_path / 'up'}" in shown.stdout
-    assert all(f"{name} " in shown.stderr for name in EXECUTABLES)
+    assert done.returncode == 0, done.stderr
+    assert "times real time" in done.stdout
+    assert f"recording: {tmp_path / 'run'}" in done.stdout
+    assert all(f"{name} " in done.stderr for name in EXECUTABLES)
     result = json.loads((tmp_path / "up.json").read_text())
     assert set(result["processes"]) == set(EXECUTABLES)
     assert result["samples"] > result["simulated_seconds"] / 0.0005
-    gyrowheel.good("simulate", *machine, "-o", tmp_path / "simulated")
-    graph, simulated = Recording.open(tmp_path / "up"), Recording.open(tmp_path / "simulated")
+    looks = [line for line in done.stderr.splitlines() if " windows " in line]
+    assert looks
+    assert "windage" in looks[-1]
+    assert "gyrowheel" in done.stdout.rpartition("Next")[2]  # the page of the last look
+    graph = Recording.open(tmp_path / "run")
     assert graph.integrity().complete
-    count = len(simulated.measurement)
-    assert np.array_equal(graph.measurement[:count], simulated.measurement)
+    if early := "plan drag: ended at" in done.stderr:
+        last = graph.setpoint["stamp_ns"][-1]  # there it was ended
+    else:  # before it was settled, the bench had run the whole plan
+        assert "whole" in looks[-1]
+    gyrowheel.good("simulate", *machine, "-o", tmp_path / "simulated")
+    simulated = Recording.open(tmp_path / "simulated")
+    count = int((graph.measurement["stamp_ns"] < last).sum()) if early else len(simulated.measurement)
+    assert np.array_equal(graph.measurement[:count], simulated.measurement[:count])
     assert graph.bench_text == simulated.bench_text
     assert graph.environment == simulated.environment
 
@@ -137,30 +152,6 @@ def test_a_failed_node_is_exit_3_with_its_last_output(gyrowheel: Shell, monkeypa
     result = gyrowheel("up", "--plan", "check")
     assert result.code == 3
     assert result.err.endswith("error: plant: killed by SIGKILL\nplant: killed\nlast words\n")
-
-
-@pytest.mark.slow
-def test_a_bench_that_runs_is_diagnosed_and_the_plan_may_end_early(gyrowheel: Shell, tmp_path: Path):
-    plan = write(tmp_path / "plan.yaml", STEADY_PLAN)
-    gw.Model("gyrowheel").save(tmp_path / "model.yaml")
-    options = (
-        f"--plan {plan} --effect windage --record run --diagnose --model model.yaml --until settled".split()
-    )
-    done = subprocess.run(
-        [*COMMAND, "up", *options],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env=os.environ | {"ROS_DOMAIN_ID": str(next_domain()), "COLUMNS": "80"},
-    )
-    assert done.returncode == 0, done.stderr
-    looks = [line for line in done.stderr.splitlines() if " windows " in line]
-    assert looks
-    assert "windage" in looks[-1]
-    assert "gyrowheel" in done.stdout.rpartition("Next")[2]  # the page of the last look
-    if "plan drag: ended at" not in done.stderr:  # before it was settled, the bench had run the whole plan
-        assert "whole" in looks[-1]
-    assert Recording.open(tmp_path / "run").integrity().missing == 0
 
 
 @pytest.mark.parametrize(

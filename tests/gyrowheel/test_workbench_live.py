@@ -196,37 +196,7 @@ def test_a_setpoint_is_checked_confirmed_and_sent_once(wheel: Wheel) -> None:
 
 @pytest.mark.graph
 @pytest.mark.slow
-def test_a_running_bench_goes_to_setpoints_one_after_the_other(wheel: Wheel) -> None:
-    pytest.importorskip("rclpy", reason="ROS is not installed")
-    from gyrowheel.graph.api import up
-
-    domain = next_domain()
-    session = Session(Library([wheel.recording.parent]), gw.Model.load(wheel.model))
-    session.live = LiveBenches(session.changed, domain)
-    with up(None, domain=domain) as graph, session.live as live:
-        wait_until(session, lambda: "live" in live.runs and live.runs["live"].allowed is not None)
-        with live.watching("live") as trace:
-            # no setpoint yet, so that its time stands: from its first sample
-            wait_until(session, lambda: trace.latest() is not None)
-            for tilt, spin in ((1.0, 3400.0), (2.0, 3500.0)):
-                session.setpoint("live", Setpoint(tilt, 0.0, spin), sure=True)
-                session.wait(240.0)
-                assert session.trouble is None
-                now = live.setpoint_of("live")
-                assert (now.tilt_x, now.tilt_y, now.spin) == pytest.approx((tilt, 0.0, spin))
-            rows = trace.since(-1)["rows"]
-        asked = [row[-len(SETPOINTS)] for row in rows]
-        first = asked.index(1.0)
-        assert (
-            min(own for own in asked[first:] if own is not None) == 1.0
-        )  # never back to the start of a plan
-        assert rows[-1][ROW.index("low tilt_x")] == pytest.approx(2.0, abs=0.1)
-        assert set(graph.pids) == {"plant", "controller", "conductor", "recorder", "drag_estimator"}
-
-
-@pytest.mark.graph
-@pytest.mark.slow
-def test_a_running_bench_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> None:
+def test_a_running_bench_goes_to_setpoints_and_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed")
     from gyrowheel.graph.api import up
 
@@ -256,8 +226,24 @@ def test_a_running_bench_runs_the_next_test(wheel: Wheel, tmp_path: Path) -> Non
         session.walk("quick", "live/bench9")
     with pytest.raises(gw.InputError, match="is not known"):  # a shipped plan, and no file
         session.walk(str(plan), "live/bench9")
-    with up(None, domain=domain, namespace="bench2") as graph, session.live:
-        wait_until(session, lambda: "live/bench2" in session.live.runs)
+    key = "live/bench2"
+    with up(None, domain=domain, namespace="bench2") as graph, session.live as live:
+        wait_until(session, lambda: key in live.runs and live.runs[key].allowed is not None)
+        with live.watching(key) as trace:
+            # no setpoint yet, so that its time stands: from its first sample
+            wait_until(session, lambda: trace.latest() is not None)
+            for tilt, spin in ((1.0, 3400.0), (2.0, 3500.0)):
+                session.setpoint(key, Setpoint(tilt, 0.0, spin), sure=True)
+                session.wait(240.0)
+                assert session.trouble is None
+                now = live.setpoint_of(key)
+                assert (now.tilt_x, now.tilt_y, now.spin) == pytest.approx((tilt, 0.0, spin))
+            rows = trace.since(-1)["rows"]
+        asked = [row[-len(SETPOINTS)] for row in rows]
+        first = asked.index(1.0)
+        # never back to the start of a plan
+        assert min(own for own in asked[first:] if own is not None) == 1.0
+        assert rows[-1][ROW.index("low tilt_x")] == pytest.approx(2.0, abs=0.1)
         parts: list[float] = []
         ends = session.watch(lambda: parts.append(session.job.part or 0.0) if session.job else None)
         session.test(str(plan), "live/bench2")

@@ -47,7 +47,7 @@ from .helpers import BENCH, QUIET, quiet_run
 REGISTERED = list(registry().values())
 EACH = pytest.mark.parametrize("effect", REGISTERED, ids=lambda effect: effect.name)
 EACH_SIMULATED = pytest.mark.parametrize("effect", simulated_effects(), ids=lambda effect: effect.name)
-THOROUGH = settings(deadline=None, max_examples=40)
+THOROUGH = settings(deadline=None, max_examples=20)
 
 
 # --- declarations --------------------------------------------------------------------------------------------
