@@ -24,6 +24,8 @@ import pytest
 import gyrowheel as gw
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.judge import EventJudged, Interval, Judged
+from gyrowheel.cli.app import app
+from gyrowheel.cli.console import run
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.journal import FINISHED
 
@@ -124,6 +126,17 @@ def test_damaged_and_foreign_cases_are_run_again(tmp_path: Path, monkeypatch: py
     assert repr(again.cases) == repr(straight.cases)
 
 
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a campaign of made-up cases."""
+    folder = tmp_path_factory.mktemp("first") / "out"
+    settings = ["--plan", "check", "--cases", "9", "--seed", "3", "--kinds", "none", "--jobs", "1"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gyrowheel.campaigns.api.run_case", made_up)
+        assert run(app, ["campaign", *settings, "-o", str(folder)]) == 0
+    return folder
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -137,17 +150,21 @@ def test_damaged_and_foreign_cases_are_run_again(tmp_path: Path, monkeypatch: py
         (["-o", "other"], "-o: with --resume the folder is {}"),
     ],
 )
-def test_other_settings_are_refused(
-    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str
+def test_other_settings_are_refused(gyrowheel: Shell, first: Path, options: list[str], words: str):
+    result = gyrowheel("campaign", "--resume", first, *options)
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(f"error: {words.format(first)}"), result.err
+
+
+def test_what_does_not_change_the_results_may_change(
+    gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    """The rest need not be repeated, and settings that were refused have changed nothing."""
     monkeypatch.setattr("gyrowheel.campaigns.api.run_case", made_up)
     folder = tmp_path / "out"
     settings = ["--plan", "check", "--cases", 9, "--seed", 3, "--kinds", "none", "--jobs", 1]
     first = gyrowheel.good("campaign", *settings, "-o", folder)
-    result = gyrowheel("campaign", "--resume", folder, *options)
-    assert (result.code, result.out) == (2, "")
-    assert result.err.startswith(f"error: {words.format(folder)}"), result.err
-    # what does not change the results may change, and the rest need not be repeated
+    assert gyrowheel("campaign", "--resume", folder, "--seed", 4).code == 2
     again = gyrowheel.good("campaign", "--resume", folder, "--seed", 3, "--jobs", 2)
     assert again.out == first.out
     assert "9 cases, 9 of them finished before" in again.err
