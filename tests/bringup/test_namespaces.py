@@ -49,7 +49,7 @@ segments:
 BRIEF = """\
 schema: 1
 name: brief
-hold_s: 1.0
+hold_s: 0.5
 segments:
   - {label: "2500", spin_rpm: 2500, tilt_deg: [[0, 0], [2, 0]]}
 """

@@ -38,7 +38,7 @@ name: brief
 hold_s: 0.3
 segments:
   - {label: level, spin_rpm: 2000, tilt_deg: [0, 0]}
-  - {label: tilted, tilt_deg: [0.5, 0.2], hold_s: 0.8}
+  - {label: tilted, tilt_deg: [0.5, 0.2], hold_s: 0.5}
 """
 
 
