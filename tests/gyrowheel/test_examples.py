@@ -20,7 +20,7 @@ OUTCOMES: dict[str, tuple[list[str], str]] = {
     "paper_figures": (["paper_tilt"], ""),
     "cluster": ([], "cases"),
 }
-LONG = ("loop", "fit_parameters", "own_effect", "cluster")
+LONG = ("loop", "fit_parameters", "own_effect", "own_data", "paper_figures", "cluster")
 
 
 def test_all_notebooks_are_in_the_gallery_and_run_here() -> None:
@@ -44,7 +44,7 @@ def test_page_has_the_cells_of_its_script(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        # a notebook of its own below; what `test_campaign` shows of a cluster
+        # what `test_front_door`, `test_lab_tables`, `test_paper` and `test_campaign` show, too
         pytest.param(name, marks=[pytest.mark.study] if name in LONG else [])
         for name in OUTCOMES
     ],
