@@ -56,9 +56,9 @@ def amplitude(values: Any, weights: Any) -> Any:
     """Return the sum (n,) of values, broadcast to (n, nodes, phases), times weights (nodes, phases)."""
     if np.ndim(values) == 0:
         return values * weights.sum() if values else 0.0
-    nodes, phases = weights.shape
-    values = np.broadcast_to(values, (len(values), nodes, phases))
-    return values.reshape(len(values), nodes * phases) @ weights.reshape(-1)
+    if values.shape[1:] != weights.shape:
+        values = np.broadcast_to(values, (len(values), *weights.shape))
+    return values.reshape(len(values), weights.size) @ weights.reshape(-1)
 
 
 _KEPT = 3  # cached true motions: large arrays

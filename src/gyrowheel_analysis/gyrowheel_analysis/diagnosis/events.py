@@ -68,16 +68,21 @@ def explain(
     recordings: Sequence[Recording],
     progress: Progress | None = None,
     among: Sequence[Term] | None = None,
+    below: float = math.inf,
 ) -> Outcome:
     """Search for events, and for effects or a free form given these events.
 
     Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
     form do without events, and leave little unexplained. `problem` and `selection` are without events; `among` are the
-    free forms that are compared, by default all.
+    free forms that are compared, by default all, and `below` is the evidence that they must reach.
     """
     found, laws = search_events(problem, selection.best, recordings)
     without = Outcome(
-        problem, selection, search(problem, selection, among=among, progress=progress), [], tuple(laws)
+        problem,
+        selection,
+        search(problem, selection, among=among, below=below, progress=progress),
+        [],
+        tuple(laws),
     )
     if not found:
         return without
@@ -92,7 +97,7 @@ def explain(
             return without
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
-        best = _given(problem, found, among)
+        best = _given(problem, found, among, below)
         again, laws = search_events(problem, best.fit, recordings)
         if _same(found, again):
             break
@@ -105,17 +110,18 @@ def explain(
     return Outcome(
         cleared,
         selection,
-        search(cleared, selection, among=among),
+        search(cleared, selection, among=among, below=below),
         sorted(best.events, key=lambda f: (f.event.recording, f.event.time)),
         tuple(laws),
     )
 
 
-def _given(problem: Problem, found: list[Found], among: Sequence[Term] | None) -> Outcome:
+def _given(problem: Problem, found: list[Found], among: Sequence[Term] | None, below: float) -> Outcome:
     """Return effects and free form, given events."""
     with_events = problem.with_events(all_of(found)).with_drift_estimated()
     selection = select(with_events)
-    return Outcome(with_events, selection, search(with_events, selection, among=among), found)
+    proposal = search(with_events, selection, among=among, below=below)
+    return Outcome(with_events, selection, proposal, found)
 
 
 def accepted(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:

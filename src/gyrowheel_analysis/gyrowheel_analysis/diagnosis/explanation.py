@@ -6,6 +6,7 @@ diagnosis and addition therefore take the noise of the same explanation, so that
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -80,28 +81,31 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     leaves nothing.
     """
     selection = select(first.problem, progress=progress)
-    other = None
+    remembering, other = None, None
     if _remembers(first.problem, selection.best, selection.inflation):
-        other = _with_memory(first, recordings, progress)
-        gain = first.problem.evidence(selection.best) - other.problem.evidence(other.best)
-        if _has_memory(other.best) and not _leaves_something(other) and gain > MEMORY_ALONE:
-            return other
-    found = _explained(first, selection, recordings, progress)
-    if other is None:
+        remembering = _with_memory(first, progress)
+        if _suffices(*remembering):
+            other = _explained(first, *remembering, recordings, progress)
+            gain = first.problem.evidence(selection.best) - other.problem.evidence(other.best)
+            if _has_memory(other.best) and not _leaves_something(other) and gain > MEMORY_ALONE:
+                return other
+    found = _explained(first, first.problem, selection, recordings, progress)
+    if remembering is None:
         if not ((_leaves_something(found) and _may_remember(found)) or _lags(found)):
             return found
-        other = _with_memory(first, recordings, progress)
+        remembering = _with_memory(first, progress)
+    if other is None:
+        # forms without a state explain as much as without these candidates, but next to a law with a memory
+        among = None if _has_memory(remembering[1].best) and _is_open(found) else memory_forms()
+        other = _explained(first, *remembering, recordings, progress, among, _cost(found))
     if not _has_memory(other.best):
         return found
     least = TIE_LOSS if found.proposal is not None and other.proposal is None else 0.0
     return other if _cost(other) < _cost(found) + least else found
 
 
-def _with_memory(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
-    """Return the explanation where laws with a memory are candidates, too.
-
-    If none of them is selected, the free forms are those with a state: others explain as much without these candidates.
-    """
+def _with_memory(first: Prepared, progress: Progress | None) -> tuple[Problem, Selection]:
+    """Return the problem where laws with a memory are candidates, too, and what is selected among them."""
     if progress:
         progress("comparing with laws that have a memory")
     problem = first.problem.with_memory()
@@ -110,8 +114,12 @@ def _with_memory(first: Prepared, recordings: Sequence[Recording], progress: Pro
         # a time or way of a law that is not the usual one looks like drift until it is fitted
         problem = problem.with_drift_estimated(selection.best)
         selection = select(problem, progress=progress)
-    among = None if _has_memory(selection.best) else memory_forms()
-    return _explained(replace(first, problem=problem), selection, recordings, progress, among)
+    return problem, selection
+
+
+def _suffices(problem: Problem, selection: Selection) -> bool:
+    """Whether effects with a memory are selected and leave no error."""
+    return _has_memory(selection.best) and lack_of_fit(problem, selection.best) <= CHI2_RANGE
 
 
 def _has_memory(fit: Fit) -> bool:
@@ -128,10 +136,14 @@ def _lags(found: Explanation) -> bool:
 
 
 def _leaves_something(found: Explanation) -> bool:
-    """Whether an explanation needs a form or an event, leaves an error, or needs a drift large enough to hide a law."""
+    """Whether an explanation needs a form, or is open."""
+    return found.proposal is not None or _is_open(found)
+
+
+def _is_open(found: Explanation) -> bool:
+    """Whether an explanation needs an event, leaves an error, or needs a drift large enough to hide a law."""
     return (
-        found.proposal is not None
-        or bool(found.happened or found.laws)
+        bool(found.happened or found.laws)
         or max(found.problem.noise.scales.values(), default=1.0) > DRIFT_OR_MAP
         or lack_of_fit(found.problem, found.best) > CHI2_RANGE
     )
@@ -165,19 +177,22 @@ def _cost(found: Explanation) -> float:
 
 def _explained(
     first: Prepared,
+    problem: Problem,
     selection: Selection,
     recordings: Sequence[Recording],
     progress: Progress | None,
     among: Sequence[Term] | None = None,
+    below: float = math.inf,
 ) -> Explanation:
-    """Return the explanation by the candidates of prepared recordings, from the effects selected among them.
+    """Return the explanation of prepared recordings by the candidates of a problem, from the effects selected.
 
-    `among` are the free forms that are compared, by default all.
+    `among` are the free forms that are compared, by default all, and `below` is the evidence that they must reach.
     """
-    weighed = first.reweighed(selection.best)
-    if weighed is not first:
+    own = replace(first, problem=problem)
+    weighed = own.reweighed(selection.best)
+    if weighed is not own:
         selection = select(weighed.problem, progress=progress)
-    outcome = explain(weighed.problem, selection, recordings, progress, among)
+    outcome = explain(weighed.problem, selection, recordings, progress, among, below)
     fitted, proposal = replace(weighed, problem=outcome.problem), outcome.proposal
     if proposal is not None:
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))

@@ -6,6 +6,7 @@ The forms are those of `free_forms`, compared by marginal likelihood with what t
 from __future__ import annotations
 
 import itertools
+import math
 from collections import Counter
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
@@ -83,11 +84,13 @@ def search(
     selection: Selection,
     *,
     among: Sequence[Term] | None = None,
+    below: float = math.inf,
     progress: Progress | None = None,
 ) -> Proposal | None:
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
-    The forms are those `among` the family; by default all that the candidates of the problem allow.
+    The forms are those `among` the family; by default all that the candidates of the problem allow. Its fit must have
+    an evidence `below` that of another explanation.
 
     Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
     drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected effects or
@@ -118,36 +121,40 @@ def search(
         if cancels and start is not selection.best:
             needed = -FORM_LOSS
         tried = able if needed == FORM_GAIN else pool
+        if best is not None and len(start.terms) > 0 and not _leaves(problem, best.fit):
+            # the effects are sought that act next to that form
+            tried = [term for term in tried if kind_of(term.name) == kind_of(best.term.name)]
+        needed = max(needed, base - below, best.gain if best else -math.inf)
         ranked = added if start is selection.best else rank(problem, start, tried)
+        known = problem.evidence(start)
+        excess = known - min(base, below)
         for gain, term in _foremost(ranked):
-            if _hopeless(problem, selection.best, start, gain):
+            if _hopeless(problem, gain, excess):
                 continue
             fit = problem.fit((*start.terms, term), start, iterations=_FIRST_STEPS)
             # some forms converge slowly, and most of them gain too little
-            if _covered(problem) < _COVERING and start.chi2 - fit.chi2 < needed * _BY_SHAPE:
+            if known - problem.evidence(fit) < _BY_SHAPE * (known - base + needed):
                 continue
             fit = problem.fit(fit.terms, fit)
             found = Proposal(term, fit, base - problem.evidence(fit))
-            better = found.gain > needed and (best is None or found.gain > best.gain)
-            if better and implausible(problem, fit) is None:
-                best = found
+            if found.gain > needed and implausible(problem, fit) is None:
+                best, needed = found, found.gain
     return None if best is None else _simplest(problem, best, base)
 
 
 def _leaves(problem: Problem, fit: Fit) -> bool:
-    """Whether a fit leaves an error, or needs an enlarged drift: then gains are looked at closely, too."""
+    """Whether a fit leaves an error, or needs an enlarged drift."""
+    problem = problem.with_drift_estimated(fit)
     return _covered(problem) >= _COVERING or lack_of_fit(problem, fit) > CHI2_RANGE
 
 
-def _hopeless(problem: Problem, best: Fit, start: Fit, gain: float) -> bool:
-    """Whether the linear gain in chi-squared of a form added to `start` rules it out without a fit.
+def _hopeless(problem: Problem, gain: float, excess: float) -> bool:
+    """Whether the linear gain in chi-squared of a form rules it out without a fit.
 
-    Fitting its exponents and edges can still bring a part of the excess of `start` over the best fit. Where a drift was
-    enlarged this bound does not hold: the concealed part counts more once the form explains it.
+    `excess` is the evidence to make up for. Fitting its exponents and edges can still bring a part of that, and the
+    part that an enlarged drift conceals counts more once the form explains it.
     """
-    if not _worth(problem, gain):
-        return True
-    return _covered(problem) < _COVERING and gain < (1.0 - _BY_SHAPE) * (start.chi2 - best.chi2)
+    return _covered(problem) * gain < max(_PROMISING, (1.0 - _BY_SHAPE) * excess)
 
 
 def _worth(problem: Problem, gain: float) -> bool:
@@ -234,11 +241,12 @@ def alternatives(problem: Problem, proposal: Proposal) -> tuple[Tie, ...]:
     kind, known = kind_of(proposal.term.name), problem.evidence(proposal.fit)
     pool = [*_pool(problem), *family(problem, gain_forms())]
     pool = [term for term in pool if kind_of(term.name) != kind]
+    excess = problem.evidence(start) - known
     found: dict[str, Tie] = {}
     for gain, term in _foremost(rank(problem, start, pool)):
-        if _hopeless(problem, proposal.fit, start, gain):
+        if _hopeless(problem, gain, excess):
             continue
-        fit = problem.fit((*start.terms, term), start)
+        fit = problem.fit((*start.terms, term), proposal.fit)
         if problem.evidence(fit) - known < 2.0 * TIE_LOSS:
             fit = problem.refined(fit)
         loss, own = problem.evidence(fit) - known, kind_of(term.name)
