@@ -74,9 +74,10 @@ def explain(
 
     Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
     form do without events, and leave little unexplained. `problem` and `selection` are without events; `among` are the
-    free forms that are compared, by default all, and `below` is the evidence that they must reach.
+    free forms that are compared, by default all. Where another explanation without events leaves nothing, `below` is
+    its evidence: forms must reach it, and no events are sought.
     """
-    found, laws = search_events(problem, selection.best, recordings)
+    found, laws = search_events(problem, selection.best, recordings) if math.isinf(below) else ([], [])
     without = Outcome(
         problem,
         selection,
@@ -97,7 +98,7 @@ def explain(
             return without
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
-        best = _given(problem, found, among, below)
+        best = _given(problem, found, among)
         again, laws = search_events(problem, best.fit, recordings)
         if _same(found, again):
             break
@@ -110,18 +111,17 @@ def explain(
     return Outcome(
         cleared,
         selection,
-        search(cleared, selection, among=among, below=below),
+        search(cleared, selection, among=among),
         sorted(best.events, key=lambda f: (f.event.recording, f.event.time)),
         tuple(laws),
     )
 
 
-def _given(problem: Problem, found: list[Found], among: Sequence[Term] | None, below: float) -> Outcome:
+def _given(problem: Problem, found: list[Found], among: Sequence[Term] | None) -> Outcome:
     """Return effects and free form, given events."""
     with_events = problem.with_events(all_of(found)).with_drift_estimated()
     selection = select(with_events)
-    proposal = search(with_events, selection, among=among, below=below)
-    return Outcome(with_events, selection, proposal, found)
+    return Outcome(with_events, selection, search(with_events, selection, among=among), found)
 
 
 def accepted(problem: Problem, fit: Fit, recordings: Sequence[Recording]) -> list[Found]:

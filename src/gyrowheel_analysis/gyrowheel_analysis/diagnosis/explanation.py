@@ -95,9 +95,11 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
             return found
         remembering = _with_memory(first, progress)
     if other is None:
+        closed = found.proposal is not None and not _is_open(found)
         # forms without a state explain as much as without these candidates, but next to a law with a memory
-        among = None if _has_memory(remembering[1].best) and _is_open(found) else memory_forms()
-        other = _explained(first, *remembering, recordings, progress, among, _cost(found))
+        among = memory_forms() if closed or not _has_memory(remembering[1].best) else None
+        below = _cost(found) if closed else math.inf
+        other = _explained(first, *remembering, recordings, progress, among, below)
     if not _has_memory(other.best):
         return found
     least = TIE_LOSS if found.proposal is not None and other.proposal is None else 0.0
@@ -186,7 +188,7 @@ def _explained(
 ) -> Explanation:
     """Return the explanation of prepared recordings by the candidates of a problem, from the effects selected.
 
-    `among` are the free forms that are compared, by default all, and `below` is the evidence that they must reach.
+    For `among` and `below` see `events.explain`.
     """
     own = replace(first, problem=problem)
     weighed = own.reweighed(selection.best)
