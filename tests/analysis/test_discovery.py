@@ -333,7 +333,7 @@ BENT = {
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(k, marks=pytest.mark.slow if k == "resonance" else pytest.mark.study) for k in BENT],
+    [pytest.param(k, marks=pytest.mark.slow if k == "coil_brake" else pytest.mark.study) for k in BENT],
 )
 def test_resonances_coils_that_bend_and_temperatures_are_formulas(name: str, tmp_path: Path) -> None:
     law, expected, other = BENT[name]
