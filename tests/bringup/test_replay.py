@@ -21,26 +21,42 @@ from rclpy.parameter import Parameter
 from rosbags.rosbag2 import Reader
 from std_srvs.srv import SetBool, Trigger
 
-from gyrowheel_bringup.graph import find_executable
+from gyrowheel_bringup.graph import Graph, find_executable
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import PARENT_VARIABLE
 from gyrowheel_recording.bags import RecordingWriter
 
 from ..domains import next_domain
-from .conftest import Session
+from ..shared import made_once
 from .helpers import Bystander, NodeProcess, end_process
 
 pytestmark = pytest.mark.graph
 
 Start = Callable[..., NodeProcess]
+#: Holds that are long enough for the drag estimator, two speeds, and ramps between them.
+PLAN = """\
+schema: 1
+name: holds
+hold_s: 0.8
+segments:
+  - {label: level, spin_rpm: 2000, tilt_deg: [0, 0]}
+  - {label: tilted, tilt_deg: [1.0, 0.5]}
+  - {label: faster, spin_rpm: 2100, tilt_deg: [1.0, -0.5], hold_s: 1.6, rig: inverted}
+"""
 STEP = "/gyrowheel/replay/step"
 HIGH_RATE = (topics.MEASUREMENT, topics.COMMAND, topics.SETPOINT)
 
 
 @pytest.fixture(scope="module")
-def recording(session: Session) -> Path:
-    """Return the recording of a run of the graph."""
-    return session.recording.path
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording of a short plan, made by the running graph."""
+
+    def run(folder: Path) -> Path:
+        with Graph(PLAN, record=folder / "run", domain_id=next_domain()) as graph:
+            graph.run()
+        return folder / "run"
+
+    return made_once(tmp_path_factory, "replay", run)
 
 
 @pytest.fixture(scope="module")
