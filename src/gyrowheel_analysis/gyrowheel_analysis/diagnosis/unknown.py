@@ -131,11 +131,9 @@ def search(
         for gain, term in _foremost(ranked):
             if _hopeless(problem, gain, excess):
                 continue
-            fit = problem.fit((*start.terms, term), start, iterations=_FIRST_STEPS)
-            # some forms converge slowly, and most of them gain too little
-            if known - problem.evidence(fit) < _BY_SHAPE * (known - base + needed):
+            fit = _fitted(problem, (*start.terms, term), start, known, known - base + needed)
+            if fit is None:
                 continue
-            fit = problem.fit(fit.terms, fit)
             found = Proposal(term, fit, base - problem.evidence(fit))
             if found.gain > needed and implausible(problem, fit) is None:
                 best, needed = found, found.gain
@@ -146,6 +144,16 @@ def _leaves(problem: Problem, fit: Fit) -> bool:
     """Whether a fit leaves an error, or needs an enlarged drift."""
     problem = problem.with_drift_estimated(fit)
     return _covered(problem) >= _COVERING or lack_of_fit(problem, fit) > CHI2_RANGE
+
+
+def _fitted(problem: Problem, terms: tuple[Term, ...], at: Fit, known: float, wanted: float) -> Fit | None:
+    """Return the fit of terms from a point on; None where its first steps bring too little of what is `wanted`.
+
+    That is the evidence to gain on what is `known` without the last term. Some forms converge slowly, and most of them
+    gain too little.
+    """
+    fit = problem.fit(terms, at, iterations=_FIRST_STEPS)
+    return None if known - problem.evidence(fit) < _BY_SHAPE * wanted else problem.fit(terms, fit)
 
 
 def _hopeless(problem: Problem, gain: float, excess: float) -> bool:
@@ -246,7 +254,9 @@ def alternatives(problem: Problem, proposal: Proposal) -> tuple[Tie, ...]:
     for gain, term in _foremost(rank(problem, start, pool)):
         if _hopeless(problem, gain, excess):
             continue
-        fit = problem.fit((*start.terms, term), proposal.fit)
+        fit = _fitted(problem, (*start.terms, term), proposal.fit, known + excess, excess)
+        if fit is None:
+            continue
         if problem.evidence(fit) - known < 2.0 * TIE_LOSS:
             fit = problem.refined(fit)
         loss, own = problem.evidence(fit) - known, kind_of(term.name)
