@@ -21,7 +21,7 @@ from tools.page_outputs import (
 )
 
 #: The page that everybody reads first. `test_examples.py` runs the notebooks.
-ALWAYS = ("docs/start.md",)
+ALWAYS = ("README.md",)
 
 
 @pytest.mark.slow

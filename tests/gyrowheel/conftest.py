@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
 
+from ..shared import made_once
 from .helpers import DRAG_PLAN, OTHER_PLAN, Shell
 
 
@@ -37,13 +39,18 @@ class Wheel:
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Wheel:
+    def made(folder: Path) -> Path:
+        bench = Bench.load()
+        for text in (DRAG_PLAN, OTHER_PLAN):
+            plan = Plan.load(text)
+            machine = scenario(bench, plan.name, effects=["windage:w=0.0013"], seed=4)
+            record_simulation(folder / plan.name, bench, machine, plan)
+        Model.new().save(folder / "model.yaml")
+        return folder
+
+    # a folder of its own for each worker: some tests save in it
     folder = tmp_path_factory.mktemp("wheel")
-    bench = Bench.load()
-    for text in (DRAG_PLAN, OTHER_PLAN):
-        plan = Plan.load(text)
-        machine = scenario(bench, plan.name, effects=["windage:w=0.0013"], seed=4)
-        record_simulation(folder / plan.name, bench, machine, plan)
-    Model.new().save(folder / "model.yaml")
+    shutil.copytree(made_once(tmp_path_factory, "wheel", made), folder, dirs_exist_ok=True)
     return Wheel(folder / "drag", folder / "other", folder / "model.yaml")
 
 
