@@ -10,7 +10,13 @@ import numpy as np
 from gyrowheel.campaigns.judge import Judged
 from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
 from gyrowheel_analysis.diagnosis.estimates import DetectionLimit, Estimate, NuisanceEstimate
-from gyrowheel_analysis.diagnosis.findings import EffectFinding, FreeForm, NextTest, TieReport
+from gyrowheel_analysis.diagnosis.findings import (
+    EffectFinding,
+    FreeForm,
+    InstrumentFinding,
+    NextTest,
+    TieReport,
+)
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.residuals.error_table import ErrorRow, ErrorTable, Residuals
 from gyrowheel_analysis.residuals.growth import Growth
@@ -51,6 +57,11 @@ def finding(name: str, *ties: TieReport, size: float = 1.0) -> EffectFinding:
     return EffectFinding(
         name, effect.title, effect.sentence, coefficients, 321.0, effect.formula, (law,), (), ties
     )
+
+
+def late(*ties: TieReport) -> InstrumentFinding:
+    """Return the finding of a delay of the coil voltages."""
+    return InstrumentFinding("coil_voltage_delay", "coil_voltage", "delay", -2e-4, 2e-5, 0.0, "s", 74.0, ties)
 
 
 def tie(name: str, plan: str | None = "air_density") -> TieReport:

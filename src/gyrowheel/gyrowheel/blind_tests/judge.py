@@ -98,7 +98,7 @@ def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
     tests: list[str | None] = []
     outcome: Outcome = "unknown"
     if diagnosis.verdict != "unknown":
-        outcome, tests = judge_names(diagnosis.effects, truth)
+        outcome, tests = judge_names(diagnosis.effects, truth, imitated=imitated(diagnosis))
     if outcome == "missed" and diagnosis.verdict == "nothing_missing" and _below_limits(diagnosis, truth):
         outcome = "below_limit"
     words = f"{'Right' if outcome in RIGHT else 'WRONG'}: {OUTCOMES[outcome]}"
@@ -107,6 +107,11 @@ def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
     if outcome == "tied":
         words += f": plan {' and '.join(dict.fromkeys(map(str, tests)))}"
     return Judgement(outcome, f"{words}.")
+
+
+def imitated(diagnosis: Diagnosis) -> dict[str, str | None]:
+    """Return the effects that are alternatives of a named instrument, each with the test that separates them."""
+    return {tie.name: tie.separating_plan for found in diagnosis.instruments for tie in found.ties}
 
 
 def judge_names(
@@ -118,8 +123,8 @@ def judge_names(
 ) -> tuple[Outcome, list[str | None]]:
     """Compare named effects with the hidden ones.
 
-    `instruments` are hidden errors of instruments: an effect that ties with one is not misnamed. `imitated` are
-    effects that are alternatives of a named instrument, each with the test that separates them. The second result has,
+    `instruments` are hidden errors of instruments: an effect that ties with one is not misnamed. `imitated` are the
+    alternatives of named instruments (see `imitated`). The second result has,
     for every hidden effect that is an alternative only, the test that separates it, or None.
     """
     findings, truth, imitated = list(findings), list(truth), imitated or {}

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from gyrowheel.blind_tests.judge import Outcome, judge_names
+from gyrowheel.blind_tests.judge import Outcome, imitated, judge_names
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hidden import Secret
 from gyrowheel_analysis.diagnosis.estimates import Estimate
@@ -355,13 +355,12 @@ def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
         return "exact" if event is not None and event.dated else "missed"
     if sorted(named) == sorted(truth):
         return "exact"
-    if not named and not secret.instruments:
+    alternatives = imitated(answer)
+    if not named and not secret.instruments and not alternatives.keys() & secret.truth.keys():
         return "missed"
     if case.kind == "outside":
         return "named_right" if _right_but_for_exponent(secret, answer) else "misnamed"
-    # an effect that an instrument imitates may be an alternative of that instrument
-    imitated = {tie.name: tie.separating_plan for f in answer.instruments for tie in f.ties}
-    outcome, _ = judge_names(findings, truth, instruments=secret.instruments, imitated=imitated)
+    outcome, _ = judge_names(findings, truth, instruments=secret.instruments, imitated=alternatives)
     return outcome
 
 
