@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import pickle
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -35,9 +36,7 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
     with (root / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not kept.exists():
-            folder = root / name
-            folder.mkdir()
-            made = make(folder)
+            made = make(Path(tempfile.mkdtemp(prefix=f"{name}-", dir=root)))
             (root / f"{name}.part").write_bytes(pickle.dumps(made))
             (root / f"{name}.part").rename(kept)
             return made

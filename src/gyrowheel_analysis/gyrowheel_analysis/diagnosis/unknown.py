@@ -121,7 +121,7 @@ def search(
         if cancels and start is not selection.best:
             needed = -FORM_LOSS
         tried = able if needed == FORM_GAIN else pool
-        if best is not None and len(start.terms) > 0 and not _leaves(problem, best.fit):
+        if best is not None and start.terms and not _leaves(problem, best.fit):
             # the effects are sought that act next to that form
             tried = [term for term in tried if kind_of(term.name) == kind_of(best.term.name)]
         needed = max(needed, base - below, best.gain if best else -math.inf)
