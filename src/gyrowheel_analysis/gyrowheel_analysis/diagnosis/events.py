@@ -68,22 +68,16 @@ def explain(
     recordings: Sequence[Recording],
     progress: Progress | None = None,
     among: Sequence[Term] | None = None,
-    below: float = math.inf,
 ) -> Outcome:
     """Search for events, and for effects or a free form given these events.
 
     Events are accepted if they, with the effects found given them, make the recordings likelier than effects and a free
     form do without events, and leave little unexplained. `problem` and `selection` are without events; `among` are the
-    free forms that are compared, by default all. Where another explanation without events leaves nothing, `below` is
-    its evidence: forms must reach it, and no events are sought.
+    free forms that are compared, by default all.
     """
-    found, laws = search_events(problem, selection.best, recordings) if math.isinf(below) else ([], [])
+    found, laws = search_events(problem, selection.best, recordings)
     without = Outcome(
-        problem,
-        selection,
-        search(problem, selection, among=among, below=below, progress=progress),
-        [],
-        tuple(laws),
+        problem, selection, search(problem, selection, among=among, progress=progress), [], tuple(laws)
     )
     if not found:
         return without

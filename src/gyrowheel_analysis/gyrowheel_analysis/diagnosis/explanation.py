@@ -6,7 +6,6 @@ diagnosis and addition therefore take the noise of the same explanation, so that
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,12 +19,12 @@ from gyrowheel_analysis.criteria import (
     TIE_LOSS,
 )
 from gyrowheel_analysis.diagnosis.event_dating import Found
-from gyrowheel_analysis.diagnosis.events import explain
+from gyrowheel_analysis.diagnosis.events import Outcome, explain
 from gyrowheel_analysis.diagnosis.free_forms import memory_forms
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
-from gyrowheel_analysis.diagnosis.unknown import Proposal, family, settled
+from gyrowheel_analysis.diagnosis.unknown import Proposal, family, search, settled
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
@@ -78,7 +77,7 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     Effects with a memory are candidates where one of them roughly gains enough, or where those of an instant leave
     something. One of them is taken if it makes the recordings likelier than all that explains them without it; a free
     form must be likelier than the law. Events and forms are not sought where a law with a memory explains very much and
-    leaves nothing.
+    leaves nothing. Where a form without a memory leaves nothing, what remembers must beat it without events.
     """
     selection = select(first.problem, progress=progress)
     remembering, other = None, None
@@ -98,7 +97,7 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
         closed = found.proposal is not None and not _is_open(found)
         # forms without a state explain as much as without these candidates, but next to a law with a memory
         among = memory_forms() if closed or not _has_memory(remembering[1].best) else None
-        below = _cost(found) if closed else math.inf
+        below = _cost(found) if closed else None
         other = _explained(first, *remembering, recordings, progress, among, below)
     if not _has_memory(other.best):
         return found
@@ -184,17 +183,22 @@ def _explained(
     recordings: Sequence[Recording],
     progress: Progress | None,
     among: Sequence[Term] | None = None,
-    below: float = math.inf,
+    below: float | None = None,
 ) -> Explanation:
     """Return the explanation of prepared recordings by the candidates of a problem, from the effects selected.
 
-    For `among` and `below` see `events.explain`.
+    `among` are the free forms that are compared, by default all. `below` is the evidence of another explanation, which
+    leaves nothing and has no events: a form must beat it, and no events are sought.
     """
     own = replace(first, problem=problem)
     weighed = own.reweighed(selection.best)
     if weighed is not own:
         selection = select(weighed.problem, progress=progress)
-    outcome = explain(weighed.problem, selection, recordings, progress, among, below)
+    if below is None:
+        outcome = explain(weighed.problem, selection, recordings, progress, among)
+    else:
+        proposal = search(weighed.problem, selection, among=among, below=below, progress=progress)
+        outcome = Outcome(weighed.problem, selection, proposal, [])
     fitted, proposal = replace(weighed, problem=outcome.problem), outcome.proposal
     if proposal is not None:
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))

@@ -89,8 +89,8 @@ def search(
 ) -> Proposal | None:
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
-    The forms are those `among` the family; by default all that the candidates of the problem allow. Its fit must have
-    an evidence `below` that of another explanation.
+    The forms are those `among` the family; by default all that the candidates of the problem allow. `below` is
+    the evidence of another explanation, which a form must beat.
 
     Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
     drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected effects or
@@ -112,7 +112,7 @@ def search(
     cancels = cancelling(problem, selection.best)
     added = rank(problem, selection.best, pool)
     # a form that replaces an effect cannot explain more than one that is added to it
-    able = [term for gain, term in added if _worth(problem, gain)]
+    able = [term for gain, term in added if not _hopeless(problem, gain, 0.0)]
     best: Proposal | None = None
     for start in starts:
         needed = FORM_GAIN
@@ -122,16 +122,15 @@ def search(
             needed = -FORM_LOSS
         tried = able if needed == FORM_GAIN else pool
         if best is not None and start.terms and not _leaves(problem, best.fit):
-            # the effects are sought that act next to that form
+            # only the effects that act next to that form are still open
             tried = [term for term in tried if kind_of(term.name) == kind_of(best.term.name)]
         needed = max(needed, base - below, best.gain if best else -math.inf)
         ranked = added if start is selection.best else rank(problem, start, tried)
-        known = problem.evidence(start)
-        excess = known - min(base, below)
+        without = problem.evidence(start)
         for gain, term in _foremost(ranked):
-            if _hopeless(problem, gain, excess):
+            if _hopeless(problem, gain, without - min(base, below)):
                 continue
-            fit = _fitted(problem, (*start.terms, term), start, known, known - base + needed)
+            fit = _fitted(problem, (*start.terms, term), start, without, without - base + needed)
             if fit is None:
                 continue
             found = Proposal(term, fit, base - problem.evidence(fit))
@@ -146,14 +145,14 @@ def _leaves(problem: Problem, fit: Fit) -> bool:
     return _covered(problem) >= _COVERING or lack_of_fit(problem, fit) > CHI2_RANGE
 
 
-def _fitted(problem: Problem, terms: tuple[Term, ...], at: Fit, known: float, wanted: float) -> Fit | None:
-    """Return the fit of terms from a point on; None where its first steps bring too little of what is `wanted`.
+def _fitted(problem: Problem, terms: tuple[Term, ...], at: Fit, without: float, wanted: float) -> Fit | None:
+    """Return the fit of terms, begun at another fit; None if its first steps gain too little.
 
-    That is the evidence to gain on what is `known` without the last term. Some forms converge slowly, and most of them
-    gain too little.
+    `without` is the evidence without the last term, `wanted` the gain in evidence that is needed. Some forms converge
+    slowly, and most of them gain too little.
     """
     fit = problem.fit(terms, at, iterations=_FIRST_STEPS)
-    return None if known - problem.evidence(fit) < _BY_SHAPE * wanted else problem.fit(terms, fit)
+    return None if without - problem.evidence(fit) < _BY_SHAPE * wanted else problem.fit(terms, fit)
 
 
 def _hopeless(problem: Problem, gain: float, excess: float) -> bool:
@@ -163,11 +162,6 @@ def _hopeless(problem: Problem, gain: float, excess: float) -> bool:
     part that an enlarged drift conceals counts more once the form explains it.
     """
     return _covered(problem) * gain < max(_PROMISING, (1.0 - _BY_SHAPE) * excess)
-
-
-def _worth(problem: Problem, gain: float) -> bool:
-    """Whether a linear gain in chi-squared promises enough to fit a form."""
-    return _covered(problem) * gain >= _PROMISING
 
 
 def _covered(problem: Problem) -> float:
@@ -249,12 +243,12 @@ def alternatives(problem: Problem, proposal: Proposal) -> tuple[Tie, ...]:
     kind, known = kind_of(proposal.term.name), problem.evidence(proposal.fit)
     pool = [*_pool(problem), *family(problem, gain_forms())]
     pool = [term for term in pool if kind_of(term.name) != kind]
-    excess = problem.evidence(start) - known
+    without = problem.evidence(start)
     found: dict[str, Tie] = {}
     for gain, term in _foremost(rank(problem, start, pool)):
-        if _hopeless(problem, gain, excess):
+        if _hopeless(problem, gain, without - known):
             continue
-        fit = _fitted(problem, (*start.terms, term), proposal.fit, known + excess, excess)
+        fit = _fitted(problem, (*start.terms, term), proposal.fit, without, without - known)
         if fit is None:
             continue
         if problem.evidence(fit) - known < 2.0 * TIE_LOSS:
