@@ -1,4 +1,4 @@
-"""What is expensive to make and that nothing changes: made once in a run, for all its workers."""
+"""Expensive read-only test data, made once per test run and shared by all its workers."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Made = TypeVar("Made")
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], Made]) -> Made:
-    """Return what is made in a new folder by the first worker that asks for it; the others wait, and read it.
+    """Return test data that the first worker to ask makes in a new folder; the others wait and read them.
 
     Parameters
     ----------
     factory : pytest.TempPathFactory
-        Knows the folder of this run.
+        Gives the folder of this test run.
     name : str
-        Names it within the run.
+        Name of the data, unique in the run.
     make : callable
-        Makes it, with files in the folder that it is given; the result is kept as a pickle.
+        Makes the data, given a folder for its files; the result is kept as a pickle.
     """
     root = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:

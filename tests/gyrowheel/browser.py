@@ -29,7 +29,7 @@ def opened_browser() -> Iterator[Any]:
 
 
 def faults(page: Any) -> list[str]:
-    """Return the faults of accessibility of a page, of any level; in dark those of colours: nothing else changes."""
+    """Return the accessibility violations of a page, of any level; in dark mode only those of colours."""
     axe = resources.files("axe_playwright_python").joinpath("axe.min.js").read_text(encoding="utf-8")
     said = []
     for theme in ("light", "dark"):
@@ -49,7 +49,7 @@ def faults(page: Any) -> list[str]:
 
 
 def press(target: Any, *keys: str) -> None:
-    """Press keys at an element that the Tab key leaves and comes back to: Enter if none are given."""
+    """Press keys at an element, by default Enter, after the Tab key has left it and returned to it."""
     keyboard = target.page.keyboard
     for _ in range(20):  # a page that draws at that instant may move the focus
         target.focus()
@@ -63,8 +63,8 @@ def press(target: Any, *keys: str) -> None:
         keyboard.press(key)
 
 
-def walked(page: Any) -> list[str]:
-    """Return what the Tab key alone comes to, from the first link of a page to its end: its id, or that around it."""
+def reached_by_tab(page: Any) -> list[str]:
+    """Return the elements that the Tab key reaches from the first link of a page on: ids, own or of the parent."""
     page.locator("a").first.focus()
     places: list[str] = []
     for _ in range(600):

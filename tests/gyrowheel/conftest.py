@@ -48,7 +48,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Wheel:
         Model.new().save(folder / "model.yaml")
         return folder
 
-    # a folder of its own for each worker: some tests save in it
+    # one folder per worker, because some tests save models in it
     folder = tmp_path_factory.mktemp("wheel")
     shutil.copytree(made_once(tmp_path_factory, "wheel", made), folder, dirs_exist_ok=True)
     return Wheel(folder / "drag", folder / "other", folder / "model.yaml")

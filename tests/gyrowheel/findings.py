@@ -59,7 +59,7 @@ def finding(name: str, *ties: TieReport, size: float = 1.0) -> EffectFinding:
     )
 
 
-def late(*ties: TieReport) -> InstrumentFinding:
+def delay_finding(*ties: TieReport) -> InstrumentFinding:
     """Return the finding of a delay of the coil voltages."""
     return InstrumentFinding("coil_voltage_delay", "coil_voltage", "delay", -2e-4, 2e-5, 0.0, "s", 74.0, ties)
 

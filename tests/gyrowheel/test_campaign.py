@@ -37,7 +37,7 @@ from gyrowheel_sim.blind import KINDS
 from gyrowheel_sim.effects import physical, registry
 from gyrowheel_sim.plant.scenario import Scenario
 
-from .findings import WINDAGE, diagnosis, finding, judged_case, late, tie
+from .findings import WINDAGE, delay_finding, diagnosis, finding, judged_case, tie
 from .helpers import DRAG_PLAN, OTHER_PLAN, SHORT_PLAN, Shell, write
 from .pages import Page, check_numbers
 
@@ -233,14 +233,14 @@ CROSS = {"c": 5e-3, "n": 2.0}
         (
             "single",
             {"coil_inductance": {"t_L": 2e-4}},
-            diagnosis("ambiguous", instruments=(late(tie("coil_inductance")),)),
+            diagnosis("ambiguous", instruments=(delay_finding(tie("coil_inductance")),)),
             "tied",
             True,
         ),
         (
             "single",
             {"windage": WINDAGE},
-            diagnosis("ambiguous", instruments=(late(tie("coil_inductance")),)),
+            diagnosis("ambiguous", instruments=(delay_finding(tie("coil_inductance")),)),
             "missed",
             False,
         ),

@@ -10,7 +10,7 @@ import gyrowheel as gw
 from gyrowheel.blind_tests.judge import RIGHT, judge
 from gyrowheel_core.errors import InputError
 
-from .findings import AMBIGUOUS, UNKNOWN, diagnosis, finding, late, limit, tie
+from .findings import AMBIGUOUS, UNKNOWN, delay_finding, diagnosis, finding, limit, tie
 from .helpers import write
 
 WINDAGE = {"windage": {"w": 1e-3, "n": 1.5}}
@@ -35,13 +35,13 @@ BOTH = {"windage": {"w": 1e-3, "n": 1.5}, "aero_cross": {"c": 5e-3, "n": 1.98}}
         # a tie without a test that separates it leads nowhere
         (diagnosis("ambiguous", finding("aero_cross", tie("windage", None))), WINDAGE, "tied_without_test"),
         # an alternative of an instrument
-        (diagnosis("ambiguous", instruments=(late(tie("coil_inductance")),)), INDUCTANCE, "tied"),
+        (diagnosis("ambiguous", instruments=(delay_finding(tie("coil_inductance")),)), INDUCTANCE, "tied"),
         (
-            diagnosis("ambiguous", instruments=(late(tie("coil_inductance", None)),)),
+            diagnosis("ambiguous", instruments=(delay_finding(tie("coil_inductance", None)),)),
             INDUCTANCE,
             "tied_without_test",
         ),
-        (diagnosis("ambiguous", instruments=(late(),)), INDUCTANCE, "missed"),
+        (diagnosis("ambiguous", instruments=(delay_finding(),)), INDUCTANCE, "missed"),
         (diagnosis("effect", finding("aero_cross")), WINDAGE, "misnamed"),
         (diagnosis("effect", finding("aero_cross"), finding("windage")), WINDAGE, "misnamed"),
         (diagnosis("effect", finding("windage")), BOTH, "partial"),

@@ -20,7 +20,7 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.study  # `test_page_outputs.py` has docs/start.md, and the API has tests of its own
+@pytest.mark.study  # other tests cover the commands of README and the Python API
 @pytest.mark.parametrize("page", ["python.md", "fit.md"])
 def test_the_python_of_the_page_runs_and_prints_what_it_shows(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

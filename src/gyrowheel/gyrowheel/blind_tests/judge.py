@@ -124,8 +124,8 @@ def judge_names(
     """Compare named effects with the hidden ones.
 
     `instruments` are hidden errors of instruments: an effect that ties with one is not misnamed. `imitated` are the
-    alternatives of named instruments (see `imitated`). The second result has,
-    for every hidden effect that is an alternative only, the test that separates it, or None.
+    alternatives of named instruments (see the function of that name). The second result has, for every hidden effect
+    that is an alternative only, the test that separates it, or None.
     """
     findings, truth, imitated = list(findings), list(truth), imitated or {}
     if sorted(finding.name for finding in findings) == sorted(truth):
