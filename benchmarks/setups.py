@@ -124,6 +124,8 @@ WRONG: list[tuple[str, Spoil, str, tuple[str, ...]]] = [
     ),
     ("tilts halved", scaled(*TILT, by=0.5), "scale", TILT),
     ("tilts doubled", scaled(*TILT, by=2.0), "scale", TILT),
+    ("one tilt halved", scaled("tilt_y", by=0.5), "scale", ("tilt_y",)),
+    ("one coil doubled", scaled("coil_voltage_x", by=2.0), "scale", ("coil_voltage_x",)),
     ("gear of 2", geared, "scale", ("spin_angle",)),
     ("tilts late", late(*TILT, by=3.0), "shifted", TILT),
     ("tilts and coils late", late(*TILT, *COIL, by=3.0), "shifted", (*TILT, *COIL)),

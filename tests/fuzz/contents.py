@@ -140,7 +140,7 @@ def _line(rng: random.Random) -> str:
     return " ".join((whose, kind, *given[kind]))
 
 
-def _written(whole: Recording, lines: list[str], folder: Path) -> Path:
+def written(whole: Recording, lines: list[str], folder: Path) -> Path:
     """Write a recording with changes; lines that cannot be read are left out."""
     rows = {topic: getattr(whole, name).copy() for name, topic in _TOPICS.items()}
     times = {topic: own["stamp_ns"].copy() for topic, own in rows.items()}
@@ -198,7 +198,7 @@ def contents(rng: random.Random, folder: Path) -> Iterator[Case]:
         verb, *lines = data.decode("utf-8", "replace").split("\n")
         if verb not in verbs:  # a part of an input, tried in its place
             return "nothing asked"
-        path = _written(whole, lines, folder / "run")
+        path = written(whole, lines, folder / "run")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)
             try:

@@ -13,7 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import gyrowheel as gw
 from gyrowheel.cli.internal_errors import machine_error
+from gyrowheel.show.sentences.setup import problem
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
@@ -28,8 +30,9 @@ from gyrowheel_sim.effects.user_defined_line import typed_effect
 from gyrowheel_sim.environment import from_json
 
 from ..domains import next_domain
+from .contents import written
 from .nodes import Listening
-from .recordings import messages, originals
+from .recordings import machine_recording, messages, originals
 from .tables import text_table
 from .texts import MAP
 
@@ -266,3 +269,14 @@ def test_a_database_whose_tables_ask_for_any_memory(tmp_path: Path) -> None:
     file.write_bytes(data)
     with pytest.raises(InputError, match="damaged: its description of the tables asks"):
         Recording.open(folder)
+
+
+def test_nothing_is_sought_where_the_times_are_of_another_rate(tmp_path: Path) -> None:
+    """A comparison took half a minute: it sought a law for what no law can explain."""
+    whole = machine_recording(tmp_path / "whole", lacking=False)
+    wrong = gw.Recording.open(written(whole, ["all rate 3"], tmp_path / "run"))
+    said: list[str] = []
+    found = gw.compare(wrong, gw.Model("gyrowheel"), progress=said.append)
+    assert [own.kind for own in found.setup] == ["clock"]
+    assert "times of the samples are divided by 3" in problem(found.setup[0])
+    assert not any("comparing with" in line for line in said)

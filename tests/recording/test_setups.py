@@ -46,7 +46,7 @@ def bench() -> Bench:
 #: Of each kind one or two; the others are a study.
 EVERY_TIME = (
     "both exchanged", "sign of tilt_x", "sign of motor_current", "tilts in degrees", "mV of the coils read as µV",
-    "temperatures in °C", "wheel turns the other way", "tilts doubled", "gear of 2", "speed late",
+    "temperatures in °C", "wheel turns the other way", "tilts doubled", "one tilt halved", "gear of 2", "speed late",
 )  # fmt: skip
 
 
@@ -87,6 +87,25 @@ def test_stuck_and_repeated_columns_are_named_without_a_fix(right: Recording, be
     ):
         (found,) = wrong_setups([spoilt(right, spoil)], bench)
         assert (found.kind, found.columns, bool(found.cure)) == (kind, columns, False)
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.8, 3.0])
+def test_times_of_another_rate_are_named(right: Recording, bench: Bench, factor: float) -> None:
+    """Nothing else can be judged by such times; where speed and angle alone differ, the motor decides."""
+
+    def slowed(samples: Samples) -> None:
+        samples["stamp_ns"] = (factor * samples["stamp_ns"]).astype(np.int64)
+
+    (found,) = wrong_setups([spoilt(right, slowed)], bench)
+    assert (found.kind, found.columns, bool(found.cure)) == ("clock", ("spin_angle", "spin_rate"), False)
+    assert found.value == pytest.approx(factor, rel=1e-3)
+
+
+def test_a_clock_within_its_tolerance_is_no_wrong_setup(right: Recording, bench: Bench) -> None:
+    def slowed(samples: Samples) -> None:
+        samples["stamp_ns"] = (1.01 * samples["stamp_ns"]).astype(np.int64)
+
+    assert not wrong_setups([spoilt(right, slowed)], bench)
 
 
 def test_readings_of_another_run_are_not_joined(right: Recording, bench: Bench) -> None:

@@ -22,8 +22,8 @@ from gyrowheel_sim import environment as environments
 Array = NDArray[np.float64]
 
 #: What can be wrong: the sign or the unit of columns, columns exchanged, twice the same, shifted in time, that never
-#: change, of another recording, held over several samples; a wheel that turns the other way; a recording of another
-#: machine.
+#: change, of another recording, held over several samples; a wheel that turns the other way; times that count too fast
+#: or too slowly; a recording of another machine.
 Kind = Literal[
     "sign",
     "unit",
@@ -35,6 +35,7 @@ Kind = Literal[
     "held",
     "reversed",
     "scale",
+    "clock",
     "another_machine",
 ]
 

@@ -276,6 +276,8 @@ def _of_motion(recording: Recording, now: Averages, bench: Bench) -> list[WrongS
         return _of_tilt(recording, now, bench, 1.0)
     # where several changes explain the spin as well, the precession decides
     wrong.sort(key=lambda item: round(precession(item[1], bench), 1))
+    if wrong[0][0].kind == "clock":
+        return [wrong[0][0]]  # the law of precession cannot be judged by such times
     others: list[WrongSetup] = []
     for own, mended in wrong:
         further = _of_tilt(recording, mended, bench, own.cure.scale.get(SPINNING[0], 1.0))

@@ -42,6 +42,8 @@ def wrong_spin_columns(
     mending = _mending(recording, now, bench, before, measured_alone(_plain(), now))
     if not mending:
         mending = _mending(recording, now, bench, before, measured_alone(_lags(now, bench), now))
+    if not mending:
+        mending = _by_other_times(now, bench, before)
     fewest = min((len(found.columns) for found, _ in mending), default=0)
     simple = [item for item in mending if len(item[0].columns) == fewest]
     simple.sort(key=lambda item: item[0].after)
@@ -64,6 +66,26 @@ def _mending(
         if after < _MENDED and after < _BETTER * before.worst:
             result.append((WrongSetup(kind, columns, cure, unit, before=before.worst, after=after), mended))
     return result
+
+
+def _by_other_times(a: Averages, bench: Bench, before: Spin) -> list[tuple[WrongSetup, Averages]]:
+    """Return that the times count too slowly or too fast, if the spin agrees once they are those of the speed."""
+    finite = np.isfinite(a.turning + a.rate)
+    turning, rate = a.turning[finite], a.rate[finite]
+    factor = float(turning @ rate) / max(float(turning @ turning), 1e-300)
+    if not (a.measured(_ANGLE, _RATE) and 0.0 < factor < math.inf):
+        return []
+    # each derivative has one more power of the time; that of the angle is its mean already
+    powers = np.where(np.array(NAMES) == _ANGLE, 1.0, 0.0)
+    means, rates, bends = (
+        own * factor ** (powers + order) for order, own in enumerate((a.means, a.rates, a.bends))
+    )
+    mended = Averages(means, rates, bends, a.absent)
+    after = spin(mended, bench).worst
+    if not (after < _MENDED and after < _BETTER * before.worst):
+        return []
+    wrong = WrongSetup("clock", (_ANGLE, _RATE), before=before.worst, after=after, value=factor)
+    return [(wrong, mended)]
 
 
 def measured_alone(changes: Iterable[Change], a: Averages) -> Iterator[Change]:

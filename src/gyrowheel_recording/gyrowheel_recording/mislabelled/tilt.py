@@ -170,7 +170,11 @@ def wrong_tilt_columns(
     judge = _Judge(now, bench, turning, asked, commands)
     before = precession(now, bench)
     if before <= GROSS and judge.forward(Fix()):
-        own = _halved(now, bench, asked) or _late_together(now, asked, commands, recording)
+        own = (
+            _halved(now, bench, asked)
+            or _one_halved(now, bench, asked, commands, before)
+            or _late_together(now, asked, commands, recording)
+        )
         return [] if own is None else [replace(own, before=before)]
     trials = [t for t in judge.trials(measured_alone(_plain(), now)) if _mends(before, t.after)]
     if before > GROSS:
@@ -315,6 +319,33 @@ def _halved(a: Averages, bench: Bench, asked: Complex | None) -> WrongSetup | No
         return None
     off = _off(factor * a.tilt, asked)
     return WrongSetup("scale", TILT, Fix(scale=dict.fromkeys(TILT, factor))) if off < _FOLLOWS else None
+
+
+def _one_halved(
+    a: Averages, bench: Bench, asked: Complex | None, commands: Complex | None, before: float
+) -> WrongSetup | None:
+    """Return that one tilt or one coil voltage is read twice or half as large as it is.
+
+    The law of precession does not always fail grossly then, so the reading must differ from what was asked for, or
+    commanded, by the same factor.
+    """
+    for names, wanted in ((TILT, asked), (COIL, commands)):
+        for name, factor in itertools.product(names if wanted is not None else (), (2.0, 0.5)):
+            cure = Fix(scale={name: factor})
+            mended = cure.applied(a)
+            pair = mended.tilt if names is TILT else mended.coil
+            if wanted is None or _off(pair, wanted) > _FOLLOWS:
+                continue
+            known = np.isfinite(pair) & np.isfinite(wanted)
+            part = np.real if name == names[0] else np.imag
+            own, due = part(pair[known]), part(wanted[known])
+            gain = float(own @ due) / max(float(due @ due), 1e-300)
+            if not gain > 0.0 or abs(math.log(gain)) > _TWICE:
+                continue
+            after = precession(mended, bench)
+            if after < _BETTER * before:
+                return WrongSetup("scale", (name,), cure, after=after)
+    return None
 
 
 def _late_together(

@@ -100,7 +100,11 @@ def _what(found: WrongSetup) -> str:
         if found.columns == ("spin_angle",):
             sense = " the other way" if factor < 0.0 else ""
             return f"spin_angle counts {1.0 / abs(factor):g} turns a turn of the rotor{sense}"
-        return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as they are"
+        they = "it is" if len(found.columns) == 1 else "they are"
+        return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as {they}"
+    if found.kind == "clock":
+        angle, speed = found.columns
+        return f"{angle} turns {1.0 / found.value:.4g} times as fast as {speed} says"
     return f"is of another machine than {found.unit}"
 
 
@@ -117,6 +121,10 @@ def _evidence(found: WrongSetup) -> str:
             else ""
         )
         return f"the readings of a slower instrument are repeated, as noise never repeats to the last digit{instead}"
+    if found.kind == "clock":
+        return (
+            f"all readings of the spin agree where the times of the samples are divided by {found.value:.4g}"
+        )
     if found.kind == "same":
         return (
             "the coils of two axes never take the same voltage"
@@ -172,6 +180,8 @@ def _hopeless(found: WrongSetup) -> str:
             f"record {listed(found.columns, 'and')} with a new reading in every sample, or import each instrument at "
             "its rate, with the times of these readings (`clock:` in the map)"
         )
+    if found.kind == "clock":
+        return "check at which rate the samples were taken, and the scales of both columns, and import or record again"
     if found.kind == "another_machine":
         return "diagnose the recordings of one machine at a time, unless they are mixed on purpose"
     return "take all readings from one recording, and import or record again"
@@ -180,7 +190,7 @@ def _hopeless(found: WrongSetup) -> str:
 def problem_and_map(found: WrongSetup) -> str:
     """Return the problem of an imported table, and the change of its map."""
     lines = "; ".join(map_lines(found))
-    if not lines and found.kind == "held":
+    if not lines and found.kind in ("held", "clock"):
         return f"{problem(found)} To do: {_hopeless(found)}."
     return f"{problem(found)} In the map: {lines}." if lines else problem(found)
 
