@@ -277,6 +277,27 @@ def test_what_holds_move_unseen_relaxes_a_friction_and_is_no_damping(tmp_path: P
     assert found.chi2 - problem.fit([cable, damping], found).chi2 < ACCEPTED_GAIN
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "size", "time", "plan", "tied"),
+    [
+        pytest.param(331, 0.001, 3.0, "quick", set(), id="a look-alike suffices"),
+        pytest.param(330, 0.0015, 3.0, "quick", set(), id="two look-alikes suffice", marks=pytest.mark.study),
+        pytest.param(318, 0.0006, 4.0, "survey", {"coil_heating"}, id="tied", marks=pytest.mark.study),
+    ],
+)
+def test_a_law_with_a_memory_is_compared_with_the_effects_that_it_resembles(
+    seed: int, size: float, time: float, plan: str, tied: set[str], tmp_path: Path
+) -> None:
+    """Its time is a twentieth of the usual one: a fit from there would end in another minimum."""
+    machine = hidden_machine(seed, {"magnet_warming": {"a": size, "tau": time}})
+    found = diagnose([record(tmp_path, "run", machine, plan)], Model.new())
+    assert [effect.name for effect in found.effects] == ["magnet_warming"]
+    assert {tie.name for tie in found.effects[0].ties} == tied
+    a = found.effects[0].coefficients["a"]
+    assert abs(a.value - size) < 3.0 * a.standard_error
+
+
 def test_recordings_without_coil_voltages_have_a_history_too(samples: Samples, windows: Windows) -> None:
     readings = samples.readings.copy()
     for name in ("coil_voltage_x", "coil_voltage_y"):

@@ -128,7 +128,9 @@ def _has_memory(fit: Fit) -> bool:
 
 
 def _lags(found: Explanation) -> bool:
-    """Whether a law with a memory that resembles an effect that was found would explain more than it does."""
+    """Whether a law with a memory explains more than an effect that was found: in its place, or next to one like it."""
+    if found.proposal is None and any(finding.outdone for finding in found.selection.findings):
+        return True
     names = {term.name for term in found.best.terms}
     alike = [
         t for t in found.problem.memory_terms if t.effect is not None and names & set(t.effect.look_alikes)

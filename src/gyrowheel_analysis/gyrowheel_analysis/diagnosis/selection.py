@@ -49,7 +49,8 @@ class Finding:
     """A term that is missing in the model by the evidence of the recording.
 
     `delta_chi2` is the increase of chi-squared without it, everything else fitted again (`without`); `ties` are terms
-    that explain the rows equally well, `rivals` the next best.
+    that explain the rows equally well, `rivals` the next best. `outdone` is whether an effect with a memory, which was
+    no candidate, explains them better.
     """
 
     term: Term
@@ -57,6 +58,7 @@ class Finding:
     ties: tuple[Tie, ...]
     rivals: tuple[Tie, ...]
     without: Fit = field(repr=False)
+    outdone: bool = False
 
 
 @dataclass(frozen=True)
@@ -281,8 +283,12 @@ def _eliminated(problem: Problem, fit: Fit, inflation: float) -> Fit:
 def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Finding:
     rest = tuple(t for t in fit.terms if t != term)
     without = problem.fit(rest, fit)
+    others = rank(problem, without, [t for t in pool if t not in fit.terms])
+    # where effects without a memory suffice, one with a memory may do as well
+    memory = [] if problem.unknowns.memory else [t for t in problem.memory_terms if t not in pool]
+    others += rank(problem.roughly(), without, memory)
     tried: list[Tie] = []
-    for place, (gain, other) in enumerate(rank(problem, without, [t for t in pool if t not in fit.terms])):
+    for place, (gain, other) in enumerate(others):
         hopeless = without.chi2 - gain > fit.chi2 + 4.0 * TIE_LOSS + 0.1 * (without.chi2 - fit.chi2)
         if place >= 2 and hopeless:
             continue  # the linear gain rules it out before the full fit
@@ -295,7 +301,8 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
     # one that is far likelier was dropped, as it predicts unused data worse
     ties = tuple(tie for tie in tried if -TIE_LOSS < tie.delta_chi2 < TIE_LOSS)
     rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE_LOSS)[:2]
-    return Finding(term, without.chi2 - fit.chi2, ties, rivals, without)
+    outdone = any(tie.delta_chi2 < 0.0 and tie.term in memory for tie in tried)
+    return Finding(term, without.chi2 - fit.chi2, ties, rivals, without, outdone)
 
 
 def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:

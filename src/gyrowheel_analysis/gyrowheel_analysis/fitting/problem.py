@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 FILTERED = ("tilt", "coil_voltage")
 #: Fits that are kept: as many as fit into some bytes, at least a few.
 _FEWEST_FITS, _FITS_BYTES = 4, 1 << 26
+_PARTS = (0.08, 0.3, 3.0)  # of the usual value of a shape, with which a fit may begin
 
 
 @dataclass(frozen=True)
@@ -181,10 +182,63 @@ class Problem:
             return self._fits[key][1]
         objective = Objective(self.prediction, self.measured, self.noise, terms)
         columns = self._nuisance_columns(objective.terms, start)
-        found = solve(objective, objective.start(start), columns, iterations=iterations)
+        found = solve(objective, self._begun(objective, start), columns, iterations=iterations)
         self._fits[key] = start, found  # the start is kept, so that no other object takes its identity
         if len(self._fits) > max(_FEWEST_FITS, _FITS_BYTES // found.jacobian.nbytes):
             self._fits.popitem(last=False)
+        return found
+
+    def _begun(self, objective: Objective, start: Fit | None) -> Array:
+        """Return the vector with which a fit begins.
+
+        Chi-squared may have several minima over the time, or the way, in which the state of a law follows. A law that
+        `start` lacks begins with those of some values that linearly explain most.
+        """
+        x = objective.start(start)
+        known = {} if start is None else start.coefficients
+        places = {column: self.count + k for k, column in enumerate(objective.columns)}
+        for term in objective.terms:
+            if term.effect is None or not term.effect.states or term.name in known:
+                continue
+            if term.name not in self.unknowns.library:
+                continue  # a free form, which the family has with several values
+            own = self._promising(term, self.fit(()) if start is None else start)
+            for name, value in own.items():
+                x[places[term.name, name]] = value
+        return x
+
+    def _promising(self, term: Term, at: Fit) -> dict[str, float]:
+        """Return the coefficients with which a law linearly explains most of what a fit leaves.
+
+        Its shapes are tried one after the other. With its amplitudes at zero, the first step of a fit would take the
+        shapes back to the centre of their prior.
+        """
+        basis = self.basis(at)
+        left = np.concatenate([self.noise.whiten(at.residual), -at.pull])
+        left -= basis @ (basis.T @ left)
+        null = self.unknowns.null(term)
+
+        def tried(values: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+            point = Point((*at.terms, term), at.nuisance, {**at.coefficients, term.name: {**null, **values}})
+            rows = self.noise.whiten(self.term_jacobian(term, point, term.amplitudes))
+            every = np.vstack([rows, np.zeros((len(left) - len(rows), rows.shape[1]))])
+            every -= basis @ (basis.T @ every)
+            sizes = np.linalg.lstsq(every, left, rcond=1e-8)[0]
+            pull = [(value - null[name]) / self.unknowns.scale(term, name) for name, value in values.items()]
+            own = {name: null[name] + float(size) for name, size in zip(term.amplitudes, sizes, strict=True)}
+            return float(left @ every @ sizes) - sum(p * p for p in pull), {**null, **values, **own}
+
+        gain, found = tried({})
+        shapes: dict[str, float] = {}
+        for name in term.coefficients:
+            low, high = self.unknowns.bounds(term, name)
+            if name in term.amplitudes or low <= 0.0:
+                continue
+            for part in _PARTS:
+                other = {**shapes, name: min(max(null[name] * part, low), high)}
+                more, own = tried(other)
+                if more > gain:
+                    gain, found, shapes = more, own, other
         return found
 
     def _nuisance_columns(self, terms: Sequence[Term], start: Fit | None) -> Array:
