@@ -317,6 +317,12 @@ BENT = {
     "coil_turn": ("torque = a*i*V_coil*r; a = 4e-4 [N*m/V]", {"b": 4e-4, "q": 1.0}, 0.04),
     "coil_brake": ("shaft_torque = -a*abs(V_coil)^2; a = 2e-5 [N*m/V^2]", {"a": -2e-5}, 0.04),
     "coil_gain_warming": ("coil_gain = -a*(T_coil - T_ref)^2; a = 3e-4 [1/K^2]", {"a": -3e-4}, 0.04),
+    "coil_lobes": (
+        "torque = a*conj(V_coil)^2*exp(i*0.4); a = 4e-5 [N*m/V^2]",
+        {"a": 4e-5 * math.cos(0.4), "b": 4e-5 * math.sin(0.4), "q": 0.0},
+        0.04,
+    ),
+    "rate_of_tilt": ("torque = -a*abs(z)*r*z_rate; a = 0.5 [N*m*s/rad^2]", {"k": 1.0, "q": 1.0}, 0.0),
     "rate": ("torque = -a*z_rate*abs(z_rate); a = 0.2 [N*m*s^2/rad^2]", {"k": 2.0, "q": 0.0}, 0.0),
     "stiffness_tilt_lag": (
         "torque = a*s*z; d(s)/dt = (abs(z)^2/0.0009 - s)/tau; a = 0.005 [N*m/rad]; tau = 15 +- 0.01 [s]",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from gyrowheel_analysis.diagnosis.free_forms import forms, gain_forms, memory_forms
+from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, memory_forms
 from gyrowheel_sim.effects import Effect, registry
 from gyrowheel_sim.plant.scenario import UNREGISTERED
 
-_FORMS = [t.effect for t in (*forms(), *gain_forms(), *memory_forms()) if t.effect is not None]
+_FORMS = [t.effect for t in (*forms(), *further_forms(), *memory_forms()) if t.effect is not None]
 #: Forms that differ only in the values with which a fit begins are one.
 EVERY: list[Effect] = [
     *registry().values(),

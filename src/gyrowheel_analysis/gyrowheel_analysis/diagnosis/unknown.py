@@ -22,7 +22,7 @@ from gyrowheel_analysis.criteria import (
     FORM_LOSS,
     TIE_LOSS,
 )
-from gyrowheel_analysis.diagnosis.free_forms import forms, gain_forms, kind_of, memory_forms
+from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, kind_of, memory_forms
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
@@ -101,7 +101,7 @@ def search(
         progress("comparing with forms that no declared effect has")
     pool = _pool(problem) if among is None else family(problem, among)
     if among is None and _leaves(problem, selection.best):
-        pool += family(problem, gain_forms())
+        pool += family(problem, further_forms())
     base = problem.evidence(selection.best)
     starts = [selection.best]
     chosen = selection.best.terms
@@ -241,7 +241,7 @@ def alternatives(problem: Problem, proposal: Proposal) -> tuple[Tie, ...]:
     """
     start = problem.fit(proposal.kept, proposal.fit)
     kind, known = kind_of(proposal.term.name), problem.evidence(proposal.fit)
-    pool = [*_pool(problem), *family(problem, gain_forms())]
+    pool = [*_pool(problem), *family(problem, further_forms())]
     pool = [term for term in pool if kind_of(term.name) != kind]
     without = problem.evidence(start)
     found: dict[str, Tie] = {}
