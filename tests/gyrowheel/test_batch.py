@@ -58,6 +58,17 @@ def test_every_recording_is_a_row_and_done_once(
     assert {row["recording"]: row for row in api.read_rows(table)} == rows
 
 
+def test_a_recording_whose_name_is_no_text_is_a_row(wheel: Wheel, tmp_path: Path, gyrowheel: Shell) -> None:
+    (file,) = Path(wheel.recording).glob("*.mcap")
+    (tmp_path / "monday").mkdir()
+    shutil.copy(file, tmp_path / "monday" / "a \udcff.mcap")
+    table = tmp_path / "results.csv"
+    gyrowheel.good("batch", tmp_path, "--model", wheel.model, "-o", table, "--jobs", "1")
+    (row,) = api.read_rows(table)
+    assert (row["recording"], row["verdict"]) == (f"{tmp_path / 'monday'}/a \\udcff.mcap", "effect")
+    assert "1 of 1 were in" in gyrowheel.good("batch", tmp_path, "--model", wheel.model, "-o", table).err
+
+
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
 def test_rows_are_read_as_they_were_written(ending: str, tmp_path: Path) -> None:
     """Names and digests of digits stay texts."""
