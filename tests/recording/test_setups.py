@@ -14,6 +14,7 @@ import pytest
 
 import gyrowheel as gw
 from benchmarks.setups import COIL, TILT, TURN, WRONG, Samples, Spoil, exchanged, scaled, spoilt
+from gyrowheel.show.sentences.setup import problem
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled import Fix, correct, corrected
@@ -99,6 +100,17 @@ def test_times_of_another_rate_are_named(right: Recording, bench: Bench, factor:
     (found,) = wrong_setups([spoilt(right, slowed)], bench)
     assert (found.kind, found.columns, bool(found.cure)) == ("clock", ("spin_angle", "spin_rate"), False)
     assert found.value == pytest.approx(factor, rel=1e-3)
+
+
+def test_times_that_count_half_as_fast_are_named_beside_the_gear(right: Recording, bench: Bench) -> None:
+    def slowed(samples: Samples) -> None:
+        samples["stamp_ns"] *= 2
+
+    (found,) = wrong_setups([spoilt(right, slowed)], bench)
+    assert (
+        "counts 0.5 turns a turn of the rotor, or the times of the samples are to be divided by 2"
+        in problem(found)
+    )
 
 
 def test_a_clock_within_its_tolerance_is_no_wrong_setup(right: Recording, bench: Bench) -> None:

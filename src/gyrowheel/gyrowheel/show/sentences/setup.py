@@ -98,8 +98,10 @@ def _what(found: WrongSetup) -> str:
     if found.kind == "scale":
         factor = next(iter(found.cure.scale.values()))
         if found.columns == ("spin_angle",):
-            sense = " the other way" if factor < 0.0 else ""
-            return f"spin_angle counts {1.0 / abs(factor):g} turns a turn of the rotor{sense}"
+            turns = f"spin_angle counts {1.0 / abs(factor):g} turns a turn of the rotor"
+            if factor < 0.0:
+                return f"{turns} the other way"
+            return f"{turns}, or the times of the samples are to be divided by {factor:g}"
         they = "it is" if len(found.columns) == 1 else "they are"
         return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as {they}"
     if found.kind == "clock":
