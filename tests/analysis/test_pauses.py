@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.drag.stream import drag_estimates
+from gyrowheel_analysis.fitting.preparation import samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
 from gyrowheel_analysis.reduction.motor_temperature import interpolated, motor_temperatures
+from gyrowheel_analysis.reduction.onset import onset
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_core import wire
 from gyrowheel_core.readings import READINGS, Readings
@@ -159,6 +161,16 @@ def test_the_analysis_uses_both_sides_of_a_pause(
     )
     assert settled == all_settled
     assert len(rates([late], model).time) == pytest.approx(len(rates([recording], model).time), abs=3)
+
+
+@pytest.mark.parametrize("quantity", ["torque_x", "spin_torque", "motor_voltage"])
+def test_the_instant_of_a_change_is_not_sought_in_a_pause(
+    recording: Recording, tmp_path: Path, quantity: str
+) -> None:
+    """The instants between two windows are tried one by one; a pause of years had more of them than any memory."""
+    late = samples_of(paused(recording, tmp_path / "run", DECADES, 0.31), incomplete=True)
+    at = 0.31 * recording.duration
+    assert onset(late, BENCH, (quantity,), at - 1.0, at + DECADES + 1.0) is None
 
 
 def test_a_wrong_setup_shows_on_both_sides_of_a_pause(recording: Recording, tmp_path: Path) -> None:

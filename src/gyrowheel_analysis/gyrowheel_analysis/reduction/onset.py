@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.criteria import ONSET_GAIN
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_core.readings import Readings
+from gyrowheel_recording.bags.reader import pauses
 from gyrowheel_sim.bench import Bench
 
 #: Samples that are averaged into one point.
@@ -62,8 +63,8 @@ def onset(
     """
     i, j = np.searchsorted(data.time, (begin - _BESIDE, end + _BESIDE))
     count = (j - i) // _BLOCK
-    if count < _FEWEST:
-        return None
+    if count < _FEWEST or len(pauses(data.time[i:j])):
+        return None  # no momentum can be integrated over a pause, which may last for years
     series = _series(data, bench, quantities[0], int(i), int(i + count * _BLOCK))
     if series is None:
         return None
