@@ -271,12 +271,22 @@ def test_a_database_whose_tables_ask_for_any_memory(tmp_path: Path) -> None:
         Recording.open(folder)
 
 
-def test_nothing_is_sought_where_the_times_are_of_another_rate(tmp_path: Path) -> None:
-    """A comparison took half a minute: it sought a law for what no law can explain."""
+@pytest.mark.parametrize(
+    ("line", "kind", "words"),
+    [
+        ("all rate 3", "clock", "the times of the samples are divided by 3"),
+        ("measurement times tilt_y 0.5", "scale", "tilt_y is read half as large as it is"),
+        ("measurement mixed motor_voltage spin_angle", "foreign", "motor_voltage is another signal"),
+        ("measurement mixed coil_voltage_y spin_angle", "foreign", "coil_voltage_y is another signal"),
+    ],
+)
+def test_no_law_is_sought_for_what_none_can_explain(tmp_path: Path, line: str, kind: str, words: str) -> None:
+    """A comparison took up to half a minute for it."""
     whole = machine_recording(tmp_path / "whole", lacking=False)
-    wrong = gw.Recording.open(written(whole, ["all rate 3"], tmp_path / "run"))
+    wrong = gw.Recording.open(written(whole, [line], tmp_path / "run"))
     said: list[str] = []
     found = gw.compare(wrong, gw.Model("gyrowheel"), progress=said.append)
-    assert [own.kind for own in found.setup] == ["clock"]
-    assert "times of the samples are divided by 3" in problem(found.setup[0])
-    assert not any("comparing with" in line for line in said)
+    assert [own.kind for own in found.setup] == [kind]
+    assert words in problem(found.setup[0])
+    assert said
+    assert not any("comparing with" in text for text in said)

@@ -120,6 +120,54 @@ def test_a_clock_within_its_tolerance_is_no_wrong_setup(right: Recording, bench:
     assert not wrong_setups([spoilt(right, slowed)], bench)
 
 
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("motor_voltage", "air_temperature"),
+        ("motor_current", "coil_voltage_x"),
+        ("spin_rate", "coil_voltage_y"),
+        ("spin_angle", "motor_voltage"),
+        ("coil_voltage_y", "motor_voltage"),
+        ("tilt_x", "motor_current"),
+    ],
+)
+def test_another_signal_in_a_column_is_named(right: Recording, bench: Bench, name: str, other: str) -> None:
+    def spoil(samples: Samples) -> None:
+        samples[name] = samples[other]
+
+    wrong = spoilt(right, spoil)
+    (found,) = wrong_setups([wrong], bench)
+    assert (found.kind, found.columns) == ("foreign", (name,))
+    assert f"{name} is another signal" in problem(found)
+    if name == "tilt_x":  # nothing can be done without it
+        assert not found.cure
+        return
+    assert found.cure == Fix(without=(name,))
+    mended = replace(right, measurement=corrected(wrong.measurement, found.cure))
+    assert not wrong_setups([mended], bench)
+
+
+def test_without_commands_and_setpoints_both_tilt_and_coil_may_be_another_signal(
+    right: Recording, bench: Bench
+) -> None:
+    def spoil(samples: Samples) -> None:
+        samples["tilt_x"] = samples["motor_current"]
+
+    bare = replace(right, setpoint=right.setpoint[:0], command=right.command[:0])
+    (found,) = wrong_setups([spoilt(bare, spoil)], bench)
+    assert (found.columns, found.otherwise) == (("coil_voltage_y",), (("tilt_x",),))
+
+
+@pytest.mark.parametrize("name", ["motor_voltage", "motor_current", "spin_rate"])
+def test_a_reading_that_fails_for_a_while_is_no_other_signal(
+    right: Recording, bench: Bench, name: str
+) -> None:
+    def spoil(samples: Samples) -> None:
+        samples[name][6000:8000] = 0.0
+
+    assert not wrong_setups([spoilt(right, spoil)], bench)
+
+
 def test_readings_of_another_run_are_not_joined(right: Recording, bench: Bench) -> None:
     other = gw.simulate("check", machine=12, seed=5).data.measurement
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -97,6 +97,15 @@ class Averages:
             _with_twins(change(own), self.absent) for own in (self.means, self.rates, self.bends)
         )
         return Averages(means, rates, bends, self.absent)
+
+    def without(self, *names: str) -> Averages:
+        """Return the averages without some columns, as if they had not been measured."""
+        return replace(self, absent=self.absent | set(names)).changed(np.copy)
+
+    def parts(self, count: int) -> list[Averages]:
+        """Return them in parts of about the same length, one after the other."""
+        places = np.array_split(np.arange(len(self)), count)
+        return [Averages(self.means[k], self.rates[k], self.bends[k], self.absent) for k in places]
 
     def measured(self, *names: str) -> bool:
         """Whether all of some columns were measured."""

@@ -19,6 +19,8 @@ from gyrowheel_sim.bench import Bench
 _ANGLE, _RATE, _VOLTAGE, _CURRENT = SPINNING = ("spin_angle", "spin_rate", "motor_voltage", "motor_current")
 #: A cure must leave every relation at this part of what is gross, and the worst at this part of what it was.
 _MENDED, _BETTER = 0.4, 0.35
+#: Parts of a recording in each of which another signal contradicts the others.
+PARTS = 4
 _STEP = EVERY * BLOCK
 _NEAR = 5  # steps about the likeliest lag that are tried
 #: Units that are mistaken for the right one, with the factor to it.
@@ -43,7 +45,7 @@ def wrong_spin_columns(
     if not mending:
         mending = _mending(recording, now, bench, before, measured_alone(_lags(now, bench), now))
     if not mending:
-        mending = _by_other_times(now, bench, before)
+        mending = _by_other_times(now, bench, before) or _by_leaving_out(now, bench, before)
     fewest = min((len(found.columns) for found, _ in mending), default=0)
     simple = [item for item in mending if len(item[0].columns) == fewest]
     simple.sort(key=lambda item: item[0].after)
@@ -86,6 +88,23 @@ def _by_other_times(a: Averages, bench: Bench, before: Spin) -> list[tuple[Wrong
         return []
     wrong = WrongSetup("clock", (_ANGLE, _RATE), before=before.worst, after=after, value=factor)
     return [(wrong, mended)]
+
+
+def _by_leaving_out(a: Averages, bench: Bench, before: Spin) -> list[tuple[WrongSetup, Averages]]:
+    """Return that one column is another signal, if the others agree.
+
+    It must contradict the others all the time: a sensor that fails for a while is no other signal.
+    """
+    result = []
+    for name in SPINNING if a.measured(*SPINNING) else ():
+        mended = a.without(name)
+        after = spin(mended, bench).worst
+        if after >= min(_MENDED, _BETTER * before.worst):
+            continue
+        if all(spin(part, bench).worst > 1.0 for part in a.parts(PARTS)):
+            cure = Fix(without=(name,))
+            result.append((WrongSetup("foreign", (name,), cure, before=before.worst, after=after), mended))
+    return result
 
 
 def measured_alone(changes: Iterable[Change], a: Averages) -> Iterator[Change]:

@@ -25,7 +25,7 @@ from gyrowheel_recording.mislabelled.blocks import (
     commanded,
 )
 from gyrowheel_recording.mislabelled.relations import precession, precession_ratio, slews
-from gyrowheel_recording.mislabelled.spin import SPINNING, Change, best_lag, measured_alone
+from gyrowheel_recording.mislabelled.spin import PARTS, SPINNING, Change, best_lag, measured_alone
 from gyrowheel_sim.bench import Bench
 
 Complex = NDArray[np.complex128]
@@ -187,6 +187,8 @@ def wrong_tilt_columns(
         alike = tuple(dict.fromkeys(others))
         kind, columns, cure, unit = first.kind, first.columns, first.cure, first.unit
         return [WrongSetup(kind, columns, cure, unit, alike, before, first.after)]
+    if before > GROSS and (other := _other_signal(now, bench, asked, commands, before)) is not None:
+        return [other]
     if before > _FOREIGN:
         return [WrongSetup("foreign", (*TILT, *COIL), before=before)]
     return []
@@ -319,6 +321,29 @@ def _halved(a: Averages, bench: Bench, asked: Complex | None) -> WrongSetup | No
         return None
     off = _off(factor * a.tilt, asked)
     return WrongSetup("scale", TILT, Fix(scale=dict.fromkeys(TILT, factor))) if off < _FOLLOWS else None
+
+
+def _other_signal(
+    a: Averages, bench: Bench, asked: Complex | None, commands: Complex | None, before: float
+) -> WrongSetup | None:
+    """Return that one coil voltage or tilt is another signal, if the precession is right without it.
+
+    A coil tilts across its axis. Whichever of the two is as it was commanded, or asked for, is right. They must
+    contradict each other all the time: a sensor that fails for a while is no other signal.
+    """
+    slewing = [part for part in a.parts(PARTS) if slews(part, bench)]
+    if not a.measured(*COIL) or any(precession(part, bench) <= GROSS for part in slewing):
+        return None
+    left = {name: precession(a.without(name), bench) for name in COIL}
+    coil = min(COIL, key=lambda own: left[own])
+    if not _mends(before, left[coil]):
+        return None
+    tilt = TILT[1 - COIL.index(coil)]
+    found = WrongSetup("foreign", (coil,), Fix(without=(coil,)), before=before, after=left[coil])
+    if commands is not None and _off(a.coil, commands) < _FOLLOWS:
+        return replace(found, columns=(tilt,), cure=Fix(), after=math.nan)
+    known = asked is not None and _off(a.tilt, asked) < _FOLLOWS
+    return found if known else replace(found, otherwise=((tilt,),))
 
 
 def _one_halved(

@@ -90,6 +90,8 @@ def _what(found: WrongSetup) -> str:
         return f"{names} stays at {found.value:.6g} [SI]"
     if found.kind == "held":
         return f"{names} {verb} new in {every(found.value)} sample only"
+    if found.kind == "foreign" and len(found.columns) == 1:
+        return f"{names}{other} {verb} another signal, as of another column or wire"
     if found.kind == "foreign":
         return "tilts and coil voltages do not belong together, as of two recordings or of other wires"
     if found.kind == "reversed":
@@ -139,7 +141,7 @@ def _evidence(found: WrongSetup) -> str:
         return f"the inertia that precession and ramps of the speed show is {found.value:.2f} times the one there"
     if set(found.columns) <= set(_SPIN) and found.kind != "reversed":
         return "angle, speed, motor voltage and current contradict each other, and agree with the cure"
-    if found.kind == "foreign":
+    if found.kind == "foreign" and not found.cure:
         return f"precession leaves {100.0 * found.before:.0f} % of the coil torque unexplained"
     if not math.isnan(found.after):
         return (
@@ -175,6 +177,8 @@ def _options(whole: Fix) -> list[str]:
 def _hopeless(found: WrongSetup) -> str:
     if found.kind == "same":
         return f"give {listed(found.columns, 'and')} a column (or a wire) each, and import or record again"
+    if found.kind == "foreign" and len(found.columns) == 1:
+        return f"give {found.columns[0]} its own column (or wire), and import or record again"
     if found.kind == "stuck":
         return f"check sensor, wire and imported column of {listed(found.columns, 'and')}, and record again"
     if found.kind == "held":
