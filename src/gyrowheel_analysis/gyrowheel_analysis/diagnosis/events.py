@@ -76,9 +76,10 @@ def explain(
     free forms that are compared, by default all.
     """
     found, laws = search_events(problem, selection.best, recordings)
-    without = Outcome(
-        problem, selection, search(problem, selection, among=among, progress=progress), [], tuple(laws)
-    )
+    # what looks like an event may be a law
+    further = bool(found or laws)
+    proposal = search(problem, selection, among=among, further=further, progress=progress)
+    without = Outcome(problem, selection, proposal, [], tuple(laws))
     if not found:
         return without
     if without.proposal is not None:

@@ -32,6 +32,7 @@ from gyrowheel_sim.effects.quantities import (
     T_coil,
     T_motor,
     T_ref,
+    T_winding,
     V_coil,
     i_motor,
     z,
@@ -259,14 +260,25 @@ def forms() -> tuple[Term, ...]:
             "change of the torque per volt of the coils with the square of their warming",
         ),
         ("motor_gain", T_motor - T_ref, "change of the motor's constant with the square of its warming"),
+        (
+            "winding_resistance",
+            T_winding - T_ref,
+            "change in the resistance of the motor's winding with the square of its warming",
+        ),
     ):
         result.append(_form(f"{target}_warming", text, target, warmth**2, sized="warming_square"))
     law, power = V_coil * _r**_q, _exponent("q", 1, of_speed)
     text = "torque of the coils along or across that of their voltage, speed^q"
     result.append(_form("coil_turn_1", text, "rotor_torque", law, power, sized="per_volt"))
-    law, power = V_coil * sp.conjugate(V_coil) * _r**_q, _exponent("q", 0, of_speed)
-    text = "torque on the spin with the square of the coils' voltage, speed^q"
-    result.append(_form("coil_brake_0", text, "shaft_torque", law, power, sized="square"))
+    for name, law, of, sized in (
+        ("coil_brake_amount", sp.Abs(V_coil), "amount", "per_volt"),
+        ("coil_brake", V_coil * sp.conjugate(V_coil), "square", "square"),
+    ):
+        text, power = (
+            f"torque on the spin with the {of} of the coils' voltage, speed^q",
+            _exponent("q", 0, of_speed),
+        )
+        result.append(_form(f"{name}_0", text, "shaft_torque", law * _r**_q, power, sized=sized))
     each = [f(V_coil) for f in (sp.re, sp.im)]
     for width in (0.03, 0.3):
         bends = _scale("w", "V", "voltage within which it changes its sign", width, (1.0e-3, 2.0))

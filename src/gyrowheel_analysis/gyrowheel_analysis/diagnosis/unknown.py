@@ -85,12 +85,13 @@ def search(
     *,
     among: Sequence[Term] | None = None,
     below: float = math.inf,
+    further: bool = False,
     progress: Progress | None = None,
 ) -> Proposal | None:
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
-    The forms are those `among` the family; by default all that the candidates of the problem allow. `below` is
-    the evidence of another explanation, which a form must beat.
+    The forms are those `among` the family; by default all that the candidates of the problem allow, the `further` ones
+    where that is asked for or an error is left. `below` is the evidence of another explanation, which a form must beat.
 
     Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
     drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected effects or
@@ -100,7 +101,7 @@ def search(
     if progress:
         progress("comparing with forms that no declared effect has")
     pool = _pool(problem) if among is None else family(problem, among)
-    if among is None and _leaves(problem, selection.best):
+    if among is None and (further or _leaves(problem, selection.best)):
         pool += family(problem, further_forms())
     base = problem.evidence(selection.best)
     starts = [selection.best]
