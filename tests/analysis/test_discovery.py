@@ -309,6 +309,7 @@ BENT = {
     "spin_lobes": ("shaft_torque = -a*re(z)*r; a = 0.03 [N*m/rad]", {"q": 1.0}, 0.0),
     "coil_gain_lobes": ("coil_gain = a*re(z); a = 0.4 [1/rad]", {"q": 0.0}, 0.0),
     "tilt_gain_lobes": ("tilt_reading = a*conj(z)^2; a = 0.05 [1/rad]", {"q": 0.0}, 0.0),
+    "tilt_gain_of_tilt": ("tilt_reading = a*z*abs(z)^2; a = 12 [1/rad^2]", {"k": 2.0, "q": 0.0}, 0.0),
     "coil_mirror_by_coils": (
         "coil_anisotropy = a*(T_coil - T_ref); a = 0.001 [1/K]",
         {"a": 0.001, "q": 0.0},

@@ -101,11 +101,11 @@ def search(
     if progress:
         progress("comparing with forms that no declared effect has")
     pool = _pool(problem) if among is None else family(problem, among)
-    if among is None and (further or _leaves(problem, selection.best)):
+    chosen = selection.best.terms
+    if among is None and (further or len(chosen) > 1 or _leaves(problem, selection.best)):
         pool += family(problem, further_forms())
     base = problem.evidence(selection.best)
     starts = [selection.best]
-    chosen = selection.best.terms
     if chosen:
         starts.append(selection.null)
     if len(chosen) > 1:

@@ -73,11 +73,9 @@ class Objective:
         for (term, name), value in zip(self.columns, x[self.count :], strict=True):
             coefficients[term][name] = float(value)
         point = Point(self.terms, x[: self.count].copy(), coefficients)
-        # a trial step may lead where the law of a coil needs an infinite voltage: its cost is infinite
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            predicted = self.prediction.rows(point)
-            white, pull = self.noise.whiten(self.measured - predicted), self.inverse * (x - self.centre)
-            rows = float(white @ white)
+        predicted = self.prediction.rows(point)
+        white, pull = self.noise.whiten(self.measured - predicted), self.inverse * (x - self.centre)
+        rows = float(white @ white)
         chi2 = rows + float(pull @ pull)
         return Evaluated(point, predicted, white, pull, rows, chi2 if np.isfinite(chi2) else np.inf)
 
@@ -128,6 +126,8 @@ class _Step:
     predicted_gain: float
 
 
+# a trial step may lead where the law of a coil needs an infinite voltage: its cost is infinite
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iterations: int = 12) -> Fit:
     """Minimise an objective from `x` on, in at most so many iterations.
 
