@@ -33,6 +33,7 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording, parted
 
 _ROUNDS = 3  # of selecting effects given events and searching events given effects
+_HOPELESS = 5.0  # times the accepted lack of fit, after which events are given up
 #: Readings whose shift looks like a torque in every window.
 _READINGS = {"torque_x": ("coil_voltage_x",), "torque_y": ("coil_voltage_y",)}
 
@@ -94,6 +95,8 @@ def explain(
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
         best = _given(problem, found, among)
+        if lack_of_fit(best.problem, best.fit) > _HOPELESS * EVENT_LACK:
+            return without  # no further round explains that much
         again, laws = search_events(problem, best.fit, recordings)
         if _same(found, again):
             break
