@@ -310,6 +310,16 @@ BENT = {
     "coil_gain_lobes": ("coil_gain = a*re(z); a = 0.4 [1/rad]", {"q": 0.0}, 0.0),
     "tilt_gain_lobes": ("tilt_reading = a*conj(z)^2; a = 0.05 [1/rad]", {"q": 0.0}, 0.0),
     "tilt_gain_of_tilt": ("tilt_reading = a*z*abs(z)^2; a = 12 [1/rad^2]", {"k": 2.0, "q": 0.0}, 0.0),
+    "motor_gain_by_motor": (
+        "motor_gain = -a*r*(T_motor - T_ref); a = 0.002 [1/K]",
+        {"a": -0.002, "q": 1.0},
+        0.04,
+    ),
+    "fixed_by_time": (
+        "case_rate = a*exp(i*0.8)*t/T; a = 5e-4 [rad/s]; T = 100 +- 0.01 [s]",
+        {"q": 1.0},
+        0.0,
+    ),
     "coil_mirror_by_coils": (
         "coil_anisotropy = a*(T_coil - T_ref); a = 0.001 [1/K]",
         {"a": 0.001, "q": 0.0},

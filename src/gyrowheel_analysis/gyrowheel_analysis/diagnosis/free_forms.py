@@ -6,9 +6,9 @@ of coils, motor and tilt sensors that depend on the speed or on the square of a 
 temperature or to the motor's current, torques on the spin that depend on the direction of the tilt, and coils whose
 torque is not in proportion to their voltage, turns with the speed, or brakes the spin. Where an error is left, gains
 and tilt readings may also depend on a temperature, the current or the tilt, torques of the coils on any multiple of
-the direction of their voltage, and a damping on the tilt (`further_forms`). Where laws with a memory are candidates,
-torques, stiffnesses and gains of coils may lag behind the tilt, the speed or the temperature of the coils, and the
-motion of the tilt may pull a torque along.
+the direction of their voltage, a damping on the tilt, and torques on the time (`further_forms`). Where laws with a
+memory are candidates, torques, stiffnesses and gains of coils may lag behind the tilt, the speed or the temperature of
+the coils, and the motion of the tilt may pull a torque along.
 """
 
 from __future__ import annotations
@@ -59,12 +59,12 @@ _SIZES = {
     "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05),
     "coils": (5.0e-5, 1.0e-3), "current": (1.0e-4, 1.0e-2),
     "gain_warming": (1.0e-4, 5.0e-3), "gain_current": (5.0e-3, 0.5), "volts": (2.0e-4, 5.0e-3),
-    "cube": (2.0e-6, 5.0e-5),
+    "cube": (2.0e-6, 5.0e-5), "time": (5.0e-7, 1.0e-5),
     "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5), "warming_square": (2.0e-5, 5.0e-4),
 }  # fmt: skip
 _UNITS = {
     "warming": "N*m/K", "current": "N*m/A", "gain_warming": "1/K", "gain_current": "1/A", "gain": "1",
-    "volts": "1/V^2", "cube": "N*m/V^3",
+    "volts": "1/V^2", "cube": "N*m/V^3", "time": "N*m/s",
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
@@ -358,6 +358,20 @@ def further_forms() -> tuple[Term, ...]:
         name, text = f"coil_lobes_{order}".replace("-", "m"), f"torque {where}, speed^q"
         sized = "cube" if abs(order) == 3 else "square"
         result.append(_form(name, text, "rotor_torque", law * _r**_q, power, sized=sized))
+    for name, text, target, shape, q in (
+        (
+            "fixed_by_time",
+            "torque in a direction that is fixed in the case, in proportion",
+            "rotor_torque",
+            sp.S.One,
+            1,
+        ),
+        ("tilt_by_time", "torque in proportion to the tilt and", "rotor_torque", _u, 0),
+        ("spin_by_time", "torque on the spin in proportion", "shaft_torque", sp.S.One, 1),
+    ):
+        words = f"{text} to the time since the start of the recording, speed^q"
+        law, power = _t * shape * _r**_q, _exponent("q", q, "speed")
+        result.append(_form(f"{name}_{q}", words, target, law, power, sized="time"))
     exponents = _exponent("k", 1, "tilt"), _exponent("q", 1, "speed")
     law = z_rate / (z_ref * Omega_ref) * of_tilt
     text = "torque along or across the tilt rate, |tilt|^k, speed^q"

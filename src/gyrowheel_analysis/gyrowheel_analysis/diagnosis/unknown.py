@@ -47,6 +47,7 @@ _BY_SHAPE = 0.5
 #: Square of a drift's scale from which on the drift may conceal a missing effect.
 _COVERING = 2.0
 _TRIED = 8
+_AS_WELL = 0.9  # of the gain of effects, with which a form begins as they do
 _FIRST_STEPS = 3  # of a fit, after which an unpromising form is dropped
 _TRIED_OF_A_KIND = 2
 
@@ -102,7 +103,8 @@ def search(
         progress("comparing with forms that no declared effect has")
     pool = _pool(problem) if among is None else family(problem, among)
     chosen = selection.best.terms
-    if among is None and (further or len(chosen) > 1 or _leaves(problem, selection.best)):
+    leaves = _leaves(problem, selection.best)
+    if among is None and (further or len(chosen) > 1 or leaves):
         pool += family(problem, further_forms())
     base = problem.evidence(selection.best)
     starts = [selection.best]
@@ -112,8 +114,8 @@ def search(
         starts += [problem.fit(tuple(t for t in chosen if t != own), selection.best) for own in chosen]
     cancels = cancelling(problem, selection.best)
     added = rank(problem, selection.best, pool)
-    # a form that replaces an effect cannot explain more than one that is added to it
-    able = [term for gain, term in added if not _hopeless(problem, gain, 0.0)]
+    # a form that replaces an effect cannot explain more than one that is added to it, unless it begins as that effect
+    able = {term for gain, term in added if not _hopeless(problem, gain, 0.0)}
     best: Proposal | None = None
     for start in starts:
         needed = FORM_GAIN
@@ -121,12 +123,15 @@ def search(
             needed = FORM_GAIN_FOR_SEVERAL
         if cancels and start is not selection.best:
             needed = -FORM_LOSS
-        tried = able if needed == FORM_GAIN else pool
+        tried = pool
         if best is not None and start.terms and not _leaves(problem, best.fit):
             # only the effects that act next to that form are still open
             tried = [term for term in tried if kind_of(term.name) == kind_of(best.term.name)]
-        needed = max(needed, base - below, best.gain if best else -math.inf)
         ranked = added if start is selection.best else rank(problem, start, tried)
+        if start is not selection.best and needed == FORM_GAIN:
+            as_well = _AS_WELL * (start.chi2 - selection.best.chi2) if leaves else math.inf
+            ranked = [(gain, term) for gain, term in ranked if term in able or gain >= as_well]
+        needed = max(needed, base - below, best.gain if best else -math.inf)
         without = problem.evidence(start)
         for gain, term in _foremost(ranked):
             if _hopeless(problem, gain, without - min(base, below)):
