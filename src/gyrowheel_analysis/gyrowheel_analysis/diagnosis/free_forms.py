@@ -2,13 +2,14 @@
 
 The family has torques that depend on any multiple of the tilt's azimuth and any power of tilt and speed, on a power of
 the tilt rate, bumps, resonances and changes at one speed, dead zones in the tilt, torques that decay with time, gains
-of coils, motor and tilt sensors that depend on the speed or on the square of a warming, torques in proportion to a
-temperature or to the motor's current, torques on the spin that depend on the direction of the tilt, and coils whose
-torque is not in proportion to their voltage, turns with the speed, or brakes the spin. Where an error is left, gains
-and tilt readings may also depend on a temperature, the current or the tilt, torques of the coils on any multiple of
-the direction of their voltage, a damping on the tilt, and torques on the time (`further_forms`). Where laws with a
-memory are candidates, torques, stiffnesses and gains of coils may lag behind the tilt, the speed or the temperature of
-the coils, and the motion of the tilt may pull a torque along.
+of coils, motor and tilt sensors that depend on the speed or on the square of a warming, tilt readings whose zero
+depends on the speed, torques in proportion to a temperature or to the motor's current, torques on the spin that depend
+on the direction of the tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or
+brakes the spin. Where an error is left, gains and tilt readings may also depend on a temperature, the current or the
+tilt, torques of the coils on any multiple of the direction of their voltage, damping on the tilt, torques on the time,
+and the torque on the spin on the tilt rate (`further_forms`). Where laws with a memory are candidates, torques,
+stiffnesses and gains of coils may lag behind the tilt, the speed or the temperature of the coils, and the motion of
+the tilt may pull a torque along.
 """
 
 from __future__ import annotations
@@ -58,13 +59,14 @@ _TURNING = Omega_ref / 250  # angular rate at which a tilt usually goes round
 _SIZES = {
     "rotor_torque": (1.0e-4, 2.0e-3), "rate": (2.0e-2, 0.4), "warming": (1.0e-5, 2.0e-4), "gain": (2.0e-3, 0.05),
     "coils": (5.0e-5, 1.0e-3), "current": (1.0e-4, 1.0e-2),
+    "offset": (1.0e-4, 2.0e-3),
     "gain_warming": (1.0e-4, 5.0e-3), "gain_current": (5.0e-3, 0.5), "volts": (2.0e-4, 5.0e-3),
     "cube": (2.0e-6, 5.0e-5), "time": (5.0e-7, 1.0e-5),
     "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5), "warming_square": (2.0e-5, 5.0e-4),
 }  # fmt: skip
 _UNITS = {
     "warming": "N*m/K", "current": "N*m/A", "gain_warming": "1/K", "gain_current": "1/A", "gain": "1",
-    "volts": "1/V^2", "cube": "N*m/V^3", "time": "N*m/s",
+    "volts": "1/V^2", "cube": "N*m/V^3", "time": "N*m/s", "offset": "rad",
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
@@ -232,6 +234,8 @@ def forms() -> tuple[Term, ...]:
         result.append(
             _form(f"{name}_1", f"{text}, speed^q", target, law, _exponent("q", 1, of_speed), sized="gain")
         )
+    text, power = "error of the zero of the tilt readings, speed^q", _exponent("q", 2, of_speed)
+    result.append(_form("tilt_zero_2", text, "tilt_reading", _r**_q, power, sized="offset"))
     for name, cause, what in (
         ("coils", T_coil - T_ref, "temperature of the coils"),
         ("motor", T_motor - T_ref, "temperature of the motor"),
@@ -372,10 +376,15 @@ def further_forms() -> tuple[Term, ...]:
         words = f"{text} to the time since the start of the recording, speed^q"
         law, power = _t * shape * _r**_q, _exponent("q", q, "speed")
         result.append(_form(f"{name}_{q}", words, target, law, power, sized="time"))
-    exponents = _exponent("k", 1, "tilt"), _exponent("q", 1, "speed")
-    law = z_rate / (z_ref * Omega_ref) * of_tilt
+    power, at_rate = _exponent("q", 1, "speed"), z_rate / (z_ref * Omega_ref)
     text = "torque along or across the tilt rate, |tilt|^k, speed^q"
-    result.append(_form("rate_of_tilt", text, "rotor_torque", law, *exponents, sized="rate"))
+    exponents = _exponent("k", 1, "tilt"), power
+    result.append(_form("rate_of_tilt", text, "rotor_torque", at_rate * of_tilt, *exponents, sized="rate"))
+    text, law = "torque with -1 times the direction of the tilt rate, speed^q", sp.conjugate(at_rate) * _r**_q
+    result.append(_form("rate_mirror", text, "rotor_torque", law, power, sized="rate"))
+    swift = z_rate * sp.conjugate(z_rate) / (z_ref * _TURNING) ** 2
+    text, law = "torque on the spin, |tilt rate|^k, speed^q", (swift + _TINY) ** (_k / 2) * _r**_q
+    result.append(_form("spin_rate", text, "shaft_torque", law, _exponent("k", 1, "tilt rate"), power))
     return tuple(result)
 
 
