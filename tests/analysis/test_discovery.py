@@ -334,7 +334,6 @@ BENT = {
         0.04,
     ),
     "rate_mirror": ("torque = a*conj(z_rate)*r; a = 0.02 [N*m*s/rad]", {"q": 1.0}, 0.0),
-    "tilt_zero": ("tilt_reading = a*r^2*exp(i*2); a = 1e-3 [rad]", {"q": 2.0}, 0.0),
     "rate_of_tilt": ("torque = -a*abs(z)*r*z_rate; a = 0.5 [N*m*s/rad^2]", {"k": 1.0, "q": 1.0}, 0.0),
     "rate": ("torque = -a*z_rate*abs(z_rate); a = 0.2 [N*m*s^2/rad^2]", {"k": 2.0, "q": 0.0}, 0.0),
     "stiffness_tilt_lag": (
