@@ -116,7 +116,9 @@ def start_graph(tmp_path: Path) -> Iterator[StartGraph]:
             )
         started.append(starter)
         assert starter.stdout is not None
-        pids = [int(text) for text in starter.stdout.readline().split()]
+        # the middleware may report something before it
+        lines = (line.split() for line in starter.stdout)
+        pids = next(([int(own) for own in line] for line in lines if all(map(str.isdigit, line))), [])
         assert pids, (tmp_path / "log").read_text()
         assert all(alive(pid) for pid in pids)
         return starter, pids
