@@ -5,11 +5,10 @@ the tilt rate, bumps, resonances and changes at one speed, dead zones in the til
 of coils, motor and tilt sensors that depend on the speed or on the square of a warming, tilt readings whose zero
 depends on the speed, torques in proportion to a temperature or to the motor's current, torques on the spin that depend
 on the direction of the tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or
-brakes the spin. Where an error is left, gains and tilt readings may also depend on a temperature, the current or the
-tilt, torques of the coils on any multiple of the direction of their voltage, damping on the tilt, torques on the time,
-and the torque on the spin on the tilt rate (`further_forms`). Where laws with a memory are candidates, torques,
-stiffnesses and gains of coils may lag behind the tilt, the speed or the temperature of the coils, and the motion of
-the tilt may pull a torque along.
+brakes the spin. `further_forms` has gains and tilt readings that depend on a temperature, the current or the tilt,
+torques of the coils with any multiple of the direction of their voltage, torques that grow with the time, and others
+that depend on the tilt rate. Where laws with a memory are candidates, torques, stiffnesses and gains of coils may lag
+behind the tilt, the speed or the temperature of the coils, and the motion of the tilt may pull a torque along.
 """
 
 from __future__ import annotations
@@ -310,7 +309,7 @@ def forms() -> tuple[Term, ...]:
 
 @functools.cache
 def further_forms() -> tuple[Term, ...]:
-    """Return the free forms that are compared only where an error is left."""
+    """Return the free forms that are compared where the others may not suffice (`unknown.search`)."""
     result = []
     of_tilt = (_square + _TINY) ** (_k / 2) * _r**_q
     for name, target, unit, text in (
@@ -354,13 +353,12 @@ def further_forms() -> tuple[Term, ...]:
                 law = law * turn * (z_ref if unit is z else 1)
             result.append(_form(own, words, target, law, power, sized="gain", direction=direction))
     for order in (-3, -2, 0, 2, 3):
-        power = _exponent("q", 0, "speed")
         law = V_coil**order if order > 0 else sp.conjugate(V_coil) ** (-order)
-        where = f"with {order} times the direction of the coils' voltage, |voltage|^{abs(order)}"
-        if not order:
-            law, where = V_coil * sp.conjugate(V_coil), "with the square of the coils' voltage"
-        name, text = f"coil_lobes_{order}".replace("-", "m"), f"torque {where}, speed^q"
-        sized = "cube" if abs(order) == 3 else "square"
+        if order == 0:
+            law = V_coil * sp.conjugate(V_coil)
+        text = f"torque with {order} times the direction of the coils' voltage, |voltage|^{abs(order) or 2}, speed^q"
+        name, sized = f"coil_lobes_{order}".replace("-", "m"), "cube" if abs(order) == 3 else "square"
+        power = _exponent("q", 0, "speed")
         result.append(_form(name, text, "rotor_torque", law * _r**_q, power, sized=sized))
     for name, text, target, shape, q in (
         (

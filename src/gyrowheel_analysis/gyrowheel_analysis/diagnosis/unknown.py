@@ -92,7 +92,8 @@ def search(
     """Look for a free form that describes the rows better than the selected effects; None if there is none.
 
     The forms are those `among` the family; by default all that the candidates of the problem allow, the `further` ones
-    where that is asked for or an error is left. `below` is the evidence of another explanation, which a form must beat.
+    where that is asked for, several effects are selected, or an error is left. `below` is the evidence of another
+    explanation, which a form must beat.
 
     Forms are compared by marginal likelihood with the drifts left free. So a misfit is seen even where an enlarged
     drift concealed it, and a real drift is not mistaken for a form. A form may be added to the selected effects or
@@ -115,7 +116,7 @@ def search(
     cancels = cancelling(problem, selection.best)
     added = rank(problem, selection.best, pool)
     # a form that replaces an effect cannot explain more than one that is added to it, unless it begins as that effect
-    able = {term for gain, term in added if not _hopeless(problem, gain, 0.0)}
+    able = {term.name for gain, term in added if not _hopeless(problem, gain, 0.0)}
     best: Proposal | None = None
     for start in starts:
         needed = FORM_GAIN
@@ -130,7 +131,7 @@ def search(
         ranked = added if start is selection.best else rank(problem, start, tried)
         if start is not selection.best and needed == FORM_GAIN:
             as_well = _AS_WELL * (start.chi2 - selection.best.chi2) if leaves else math.inf
-            ranked = [(gain, term) for gain, term in ranked if term in able or gain >= as_well]
+            ranked = [(gain, term) for gain, term in ranked if term.name in able or gain >= as_well]
         needed = max(needed, base - below, best.gain if best else -math.inf)
         without = problem.evidence(start)
         for gain, term in _foremost(ranked):

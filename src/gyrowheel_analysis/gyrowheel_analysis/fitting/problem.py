@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 FILTERED = ("tilt", "coil_voltage")
 #: Fits that are kept: as many as fit into some bytes, at least a few.
 _FEWEST_FITS, _FITS_BYTES = 4, 1 << 26
-_PARTS = (0.08, 0.3, 3.0)  # of the usual value of a shape, with which a fit may begin
+_PARTS = (0.08, 0.3, 3.0)  # of the usual time or way of a law with a memory, with which a fit may begin
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ class Problem:
             own = self._promising(term, self.fit(()) if start is None else start)
             for name, value in own.items():
                 x[places[term.name, name]] = value
-        return x
+        return objective.within_bounds(x)
 
     def _promising(self, term: Term, at: Fit) -> dict[str, float]:
         """Return the coefficients with which a law linearly explains most of what a fit leaves.
