@@ -349,10 +349,8 @@ BENT = {
 }
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(k, marks=pytest.mark.slow if k == "coil_brake" else pytest.mark.study) for k in BENT],
-)
+@pytest.mark.study
+@pytest.mark.parametrize("name", BENT)
 def test_resonances_coils_that_bend_and_temperatures_are_formulas(name: str, tmp_path: Path) -> None:
     law, expected, other = BENT[name]
     fit, check = hidden_law(law, "survey", tmp_path)
