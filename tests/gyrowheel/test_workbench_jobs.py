@@ -153,7 +153,7 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
             "#part-verdict",
             "[data-do=undo]",
         ):
-            assert in_sight(first.locator(place)), f"{place}: beside what was chosen"
+            assert in_sight(first.locator(place)), f"{place} is not on the screen with the selection"
         # and so do windows that are chosen one by one, from the worst on
         press(first.locator("#where"), "Home")
         expect(first.locator("#chosen")).to_contain_text("1 of ")
@@ -237,7 +237,7 @@ def test_the_whole_loop_by_keyboard(wheel: Wheel, tmp_path: Path) -> None:
         alone.goto(kept.as_uri())
         expect(alone.locator("canvas")).to_have_count(2)
         alone.close()
-        # holds, measured beside predicted; each shows its samples, by keyboard too
+        # holds, measured next to predicted; each shows its samples, by keyboard too
         go("look")
         expect(first.locator("#predicted canvas").first).to_be_visible()
         press(first.locator("#holds summary"))

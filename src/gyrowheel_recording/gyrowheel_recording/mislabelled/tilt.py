@@ -355,11 +355,13 @@ def _one_halved(
     commanded, by the same factor.
     """
     for names, wanted in ((TILT, asked), (COIL, commands)):
-        for name, factor in itertools.product(names if wanted is not None else (), (2.0, 0.5)):
+        if wanted is None:
+            continue
+        for name, factor in itertools.product(names, (2.0, 0.5)):
             cure = Fix(scale={name: factor})
             mended = cure.applied(a)
             pair = mended.tilt if names is TILT else mended.coil
-            if wanted is None or _off(pair, wanted) > _FOLLOWS:
+            if _off(pair, wanted) > _FOLLOWS:
                 continue
             known = np.isfinite(pair) & np.isfinite(wanted)
             part = np.real if name == names[0] else np.imag

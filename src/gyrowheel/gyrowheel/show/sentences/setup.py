@@ -108,7 +108,7 @@ def _what(found: WrongSetup) -> str:
         return f"{names} {verb} read {'half' if factor > 1.0 else 'twice'} as large as {they}"
     if found.kind == "clock":
         angle, speed = found.columns
-        return f"{angle} turns {1.0 / found.value:.4g} times as fast as {speed} says"
+        return f"{angle} turns {1.0 / found.value:.4g} times as fast as {speed} shows"
     return f"is of another machine than {found.unit}"
 
 
