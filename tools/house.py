@@ -88,7 +88,7 @@ HOUSE = (
         "from a recording to a verdict",
         (
             ("criteria", "channels", "model"),
-            ("reduction",),
+            ("reduction", "machines"),
             ("balance",),
             ("fitting", "torques", "capability", "trend"),
             ("residuals",),

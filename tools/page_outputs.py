@@ -51,6 +51,7 @@ PAGES: Final = (
             "import",
             "instruments",
             "investigate",
+            "machines",
             "memory",
             "paper",
             "python",

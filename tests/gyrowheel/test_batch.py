@@ -46,6 +46,9 @@ def test_every_recording_is_a_row_and_done_once(
     found = gw.diagnose(wheel.recording, gw.Model.load(wheel.model)).effects[0]
     assert good["windage.w"] == pytest.approx(found.coefficients["w"].value)
     assert good["windage.w.error"] > 0.0
+    assert good["windage.w.data"] == good["windage.w"]  # it has no prior
+    assert 0.0 < good["windage.w.data_scatter"] < good["windage.w.data_error"]
+    assert good["motor_constant.data_error"] > good["motor_constant.error"]
     assert bad["verdict"] == "failed"
     assert "metadata.yaml" in bad["error"]
     assert "windage.w" not in bad

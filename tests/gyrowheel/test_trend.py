@@ -48,6 +48,15 @@ def test_the_day_of_a_step_is_named(
     found = gw.trend(f"results.{ending}")
     assert repr(found) == "<Trend: windage.w: a step, from 2023-12-04, machine wheel 20>"
     assert {len(column) for column in found.to_columns().values()} == {80}
+    shared = {own["name"]: own for own in content["shared"]}
+    assert shared["windage.w"]["mean"] == pytest.approx(1.29e-3)
+    low, high = shared["windage.w"]["interval"]
+    assert low < shared["windage.w"]["spread"] < high
+    assert shared["windage.w"]["spread"] == pytest.approx(2.5e-4, rel=0.05)
+    assert (shared["windage.w"]["machines"], shared["windage.w"]["recordings"]) == (40, 40)
+    assert (shared["motor_resistance"]["spread"], shared["motor_resistance"]["interval"][0]) == (0.0, 0.0)
+    assert [own.name for own in found.differing] == ["windage.w"]
+    assert "Machines differ in the first 1 of 2 quantities" in " ".join(shown.split())
 
 
 def test_nothing_is_named_where_nothing_changes(rows: list[api.Row]) -> None:
@@ -57,13 +66,34 @@ def test_nothing_is_named_where_nothing_changes(rows: list[api.Row]) -> None:
     assert "No quantity left its control limits." in str(found)
 
 
+def test_a_few_machines_without_dates_have_a_mean_and_a_spread(
+    rows: list[api.Row], tmp_path: Path, gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    api.write_rows(Path("few.parquet"), [{**row, "start": None} for row in rows[:3]])
+    shown = gyrowheel.good("trend", "few.parquet").out
+    assert "Too few dated recordings for control limits." in shown
+    assert "windage.w 0.001020 ± 0.000012" in " ".join(shown.split())
+    assert "Machines differ in no quantity" in shown
+    refused = gyrowheel("trend", "few.parquet", "--picture", "trend.png")
+    assert (refused.code, refused.err) == (
+        2, "error: picture: no control limits; they take 8 dated machines or recordings\n",
+    )  # fmt: skip
+    unsteady = [{**row, "machine": f"m{k % 3}"} for k, row in enumerate(rows[:3] + rows[-3:])]
+    found = gw.trend(gw.Batch(tuple(unsteady)))
+    assert found.headline() == "2 quantities, too few dated recordings for control limits"
+    assert "Recordings of a machine differ by more than their errors in windage.w" in " ".join(
+        str(found).split()
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("none.parquet", None, "none.parquet: no such file"),
         ("table.txt", b"", "table.txt: must end in .parquet or .csv"),
         ("table.csv", b"a,b\n1,2\n", "table.csv: not a table of a batch: it has no column recording"),
-        ("few.parquet", 3, "few.parquet: 3 recordings; allowed: a quantity of at least 8 machines, or of at least 8 "
+        ("few.parquet", 2, "few.parquet: 2 recordings; allowed: a quantity of at least 3 machines, or of at least 8 "
          "recordings in addition to the first of each machine"),
     ],
 )  # fmt: skip

@@ -326,5 +326,7 @@ ANSWERED: Final = 0.9
 #: judgement takes: from fewer, the usual spread is not known. Lower misses small changes, higher names one a table.
 TREND_CHANCE: Final = 0.01
 TREND_FEWEST: Final = 8
+#: Machines from which on it is stated by how much they differ; from two, an interval has ends that differ 70 times.
+SPREAD_FEWEST: Final = 3
 #: Weight of a new value in the smoothed course of a drift, the usual one of such charts for small changes.
 TREND_SMOOTHING: Final = 0.2

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 from gyrowheel_analysis.criteria import TREND_CHANCE, TREND_FEWEST, TREND_SMOOTHING
+from gyrowheel_analysis.machines import Shared, shared
 
 Array = NDArray[np.float64]
 Over = Literal["machines", "recordings"]
@@ -112,16 +113,30 @@ class Trend:
     """All quantities over time.
 
     `courses` has those that left their limits first, the least likely by chance in front; `few` are the quantities that
-    too few recordings have.
+    too few recordings have. `shared` is what the machines share in each quantity, whatever the time.
     """
 
     courses: tuple[Course, ...]
     few: tuple[str, ...]
+    shared: tuple[Shared, ...] = ()
 
     @property
     def departed(self) -> tuple[Course, ...]:
         """The courses that left their limits."""
         return tuple(course for course in self.courses if course.departure is not None)
+
+    @property
+    def differing(self) -> tuple[Shared, ...]:
+        """Quantities in which machines differ by more than errors; any is here by chance with `TREND_CHANCE`."""
+        return tuple(own for own in self.shared if self._unlikely(own.chance))
+
+    @property
+    def unsteady(self) -> tuple[Shared, ...]:
+        """Quantities in which the recordings of a machine differ by more than errors; by chance as `differing`."""
+        return tuple(own for own in self.shared if self._unlikely(own.repeat_chance))
+
+    def _unlikely(self, chance: float | None) -> bool:
+        return chance is not None and chance * len(self.shared) < TREND_CHANCE
 
 
 def trend(rows: Sequence[Mapping[str, Any]]) -> Trend:
@@ -131,7 +146,7 @@ def trend(rows: Sequence[Mapping[str, Any]]) -> Trend:
     ----------
     rows : sequence of mapping
         Rows with ``recording``, ``machine``, ``start`` [s since 1970] and, for every quantity, ``NAME`` and
-        ``NAME.error``; rows without a start are left out.
+        ``NAME.error``; rows without a start are left out. For further columns of `shared` see there.
     """
     dated = sorted((row for row in rows if row.get("start") is not None), key=lambda row: float(row["start"]))
     names = dict.fromkeys(
@@ -144,7 +159,7 @@ def trend(rows: Sequence[Mapping[str, Any]]) -> Trend:
     courses = [_judged(series, tests=len(found)) for series in found]
     order = {course.name: k for k, course in reversed(list(enumerate(courses)))}
     courses.sort(key=lambda c: (c.departure is None, c.departure.chance if c.departure else order[c.name]))
-    return Trend(tuple(courses), tuple(name for name in names if name in few))
+    return Trend(tuple(courses), tuple(name for name in names if name in few), shared(rows))
 
 
 def _known(row: Mapping[str, Any], name: str) -> bool:

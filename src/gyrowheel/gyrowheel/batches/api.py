@@ -20,6 +20,8 @@ from gyrowheel_core.files import json_text, new_file, read_errors
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from gyrowheel_analysis.diagnosis.estimates import Estimate, NuisanceEstimate
+
 Row = dict[str, Any]
 
 #: Columns that every row has, before those of coefficients and bench parameters.
@@ -53,8 +55,10 @@ class Batch(Result):
     ----------
     rows : tuple of dict
         A row a recording: see `COLUMNS`; then ``EFFECT.COEFFICIENT`` and ``EFFECT.COEFFICIENT.error`` of every effect
-        that was found, and the same of every fitted bench parameter [SI]. ``error`` is the reason why a recording could
-        not be diagnosed, or empty; ``key`` identifies recording and model.
+        that was found, and the same of every fitted bench parameter [SI]; as ``.data``, ``.data_error`` and
+        ``.data_scatter`` what the recording alone says of it, without its prior, and how that would scatter between
+        recordings of the same machine. ``error`` is the reason why a recording could not be diagnosed, or empty;
+        ``key`` identifies recording and model.
     kept : int
         Number of rows that the file had already.
     interrupted : bool
@@ -229,11 +233,19 @@ def diagnosed(model: Any, item: tuple[str, str], scratch: str | None = None) -> 
             row |= {"chi2_per_n_before": before.chi2_per_n, "chi2_per_n": after.chi2_per_n}
         for finding in found.effects:
             for name, estimate in finding.coefficients.items():
-                row[f"{finding.name}.{name}"] = estimate.value
-                row[f"{finding.name}.{name}.error"] = estimate.standard_error
+                row |= _estimate(f"{finding.name}.{name}", estimate, has_prior=estimate.prior is not None)
         for name, own in found.nuisance.items():
-            row[name], row[f"{name}.error"] = own.value, own.standard_error
+            row |= _estimate(name, own, has_prior=True)
     return row | {"seconds": time.monotonic() - began}
+
+
+def _estimate(name: str, own: Estimate | NuisanceEstimate, *, has_prior: bool) -> Row:
+    """Return the columns of an estimate; those of the data alone where they determine it."""
+    row: Row = {name: own.value, f"{name}.error": own.standard_error}
+    data = own.data if has_prior else (own.value, own.standard_error)
+    if data is not None:
+        row |= {f"{name}.data": data[0], f"{name}.data_error": data[1], f"{name}.data_scatter": own.scatter}
+    return row
 
 
 def columns_of(rows: Sequence[Row]) -> dict[str, list[Any]]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel.batches.api import ENDINGS, Batch, read_rows
 from gyrowheel.show.result import Result, columns_of
 from gyrowheel_analysis import trend as facts
-from gyrowheel_analysis.criteria import TREND_FEWEST
+from gyrowheel_analysis.criteria import SPREAD_FEWEST, TREND_FEWEST
 from gyrowheel_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class Trend(Result, facts.Trend):
         return summary(self)
 
     def page(self) -> Iterable[RenderableType]:
-        """Return what left its limits, when and by how much, and all other quantities."""
+        """Return what left its limits, when and by how much, all other quantities, and what machines share."""
         from gyrowheel.trends.page import trend_page
 
         return trend_page(self)
@@ -64,7 +64,8 @@ class Trend(Result, facts.Trend):
                     },
                 }
             )  # fmt: skip
-        return {"schema": 1, "courses": courses, "too_few": list(self.few)}
+        shared = [asdict(own) for own in self.shared]
+        return {"schema": 1, "courses": courses, "too_few": list(self.few), "shared": shared}
 
     def to_columns(self) -> Mapping[str, Sequence[Any]]:
         """Return all values of all quantities with their limits, a row for each; SI units."""
@@ -81,9 +82,19 @@ class Trend(Result, facts.Trend):
         return columns_of(" ".join(("name", "over", *_VALUES)), rows)
 
     def plot(self) -> Figure:
-        """Return the courses of up to six quantities with their limits; those that left them first."""
+        """Return the courses of up to six quantities with their limits; those that left them first.
+
+        Raises
+        ------
+        InputError
+            If no quantity has enough dated recordings for control limits.
+        """
         from gyrowheel.trends.picture import figure_of_trend
 
+        if not self.courses:
+            raise InputError(
+                f"picture: no control limits; they take {TREND_FEWEST} dated machines or recordings"
+            )
         return figure_of_trend(self)
 
 
@@ -101,7 +112,7 @@ def trend(results: str | Path | Batch) -> Trend:
     Raises
     ------
     InputError
-        If the table cannot be read, or no quantity has enough dated recordings.
+        If the table cannot be read, or no quantity has enough machines or dated recordings.
     """
     if isinstance(results, Batch):
         rows, name = list(results.rows), "the batch"
@@ -113,9 +124,9 @@ def trend(results: str | Path | Batch) -> Trend:
             raise InputError(f"{table}: no such file")
         rows, name = read_rows(table), str(table)
     found = Trend.of(facts.trend(rows))
-    if not found.courses:
+    if not found.courses and all(own.spread is None for own in found.shared):
         raise InputError(
-            f"{name}: {len(rows)} recordings; allowed: a quantity of at least {TREND_FEWEST} machines, or of "
+            f"{name}: {len(rows)} recordings; allowed: a quantity of at least {SPREAD_FEWEST} machines, or of "
             f"at least {TREND_FEWEST} recordings in addition to the first of each machine"
         )
     return found

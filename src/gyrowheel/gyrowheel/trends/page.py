@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from rich.console import RenderableType
 from rich.text import Text
 
-from gyrowheel.show.layout import heading, indented, sentences, words_table
+from gyrowheel.show.layout import figures_table, heading, indented, sentences, words_table
 from gyrowheel_analysis.trend import Change, Course, Trend
 from gyrowheel_core.quantities import pair, short
 
@@ -27,6 +27,8 @@ def day(time: float) -> str:
 
 def summary(result: Trend) -> str:
     """Return what left its control limits, in one line."""
+    if not result.courses:
+        return f"{len(result.shared)} quantities, too few dated recordings for control limits"
     if not result.departed:
         return f"{len({c.name for c in result.courses})} quantities, all within their control limits"
     course = result.departed[0]
@@ -46,7 +48,16 @@ def _since(course: Course) -> str:
 
 
 def trend_page(result: Trend) -> Iterator[RenderableType]:
-    """Yield what left its limits, and the usual spread of every quantity."""
+    """Yield what left its limits, the usual spread of every quantity, and what machines share."""
+    if result.courses:
+        yield from _courses(result)
+    else:
+        yield Text("Too few dated recordings for control limits.")
+    if result.shared:
+        yield from _shared(result)
+
+
+def _courses(result: Trend) -> Iterator[RenderableType]:
     if result.departed:
         yield heading("Outside of the control limits")
         yield from sentences(_departed(course) for course in result.departed)
@@ -70,6 +81,33 @@ def trend_page(result: Trend) -> Iterator[RenderableType]:
     if result.few:
         left.append(f"Too few recordings with a value: {', '.join(result.few)}.")
     yield from sentences(left)
+
+
+def _shared(result: Trend) -> Iterator[RenderableType]:
+    """Yield the mean of all machines and the spread between them, of every quantity."""
+    yield Text()
+    yield heading("What machines share, SI units")
+    table = figures_table("quantity", "mean of machines", "spread", "from", "to", "machines")
+    for own in result.shared[:_LISTED]:
+        spread = () if own.spread is None or own.interval is None else (own.spread, *own.interval)
+        cells = [short(value, 2) for value in spread] or ["", "", ""]
+        table.add_row(own.name, pair(own.mean, own.standard_error), *cells, str(own.machines))
+    yield indented(table)
+    every, differing = len(result.shared), len(result.differing)
+    notes = []
+    if every > _LISTED:
+        notes.append(f"{every - _LISTED} more quantities are in the JSON file.")
+    if differing:
+        number = "all" if differing == every else f"the first {differing} of {every}"
+        notes.append(f"Machines differ in {number} quantities by more than the errors of their values.")
+    elif any(own.chance is not None for own in result.shared):
+        notes.append("Machines differ in no quantity by more than the errors of their values.")
+    if result.unsteady:
+        names = ", ".join(own.name for own in result.unsteady)
+        notes.append(
+            f"Recordings of a machine differ by more than their errors in {names}; so may the machines."
+        )
+    yield from sentences(notes)
 
 
 def _departed(course: Course) -> str:

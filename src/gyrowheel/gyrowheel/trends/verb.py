@@ -23,6 +23,7 @@ def trend(
 
     Control limits come from the differences of neighbours in time. What left
     them is named with the first machine or day: one value, a step, or a drift.
+    Whatever the time: the mean of all machines, and the spread between them.
     """
     import gyrowheel as gw
 

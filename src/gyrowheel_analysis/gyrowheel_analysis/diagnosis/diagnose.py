@@ -51,7 +51,7 @@ from gyrowheel_analysis.diagnosis.proof_result import Proof
 from gyrowheel_analysis.diagnosis.result import Diagnosis, Verdict
 from gyrowheel_analysis.diagnosis.selection import Finding, Tie
 from gyrowheel_analysis.diagnosis.support import supported
-from gyrowheel_analysis.diagnosis.uncertainty import error_parts
+from gyrowheel_analysis.diagnosis.uncertainty import error_parts, scatter
 from gyrowheel_analysis.diagnosis.unknown import Proposal, alternatives, as_found
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Prior, Term, without_prior
 from gyrowheel_analysis.fitting.preparation import Prepared, TooFewWindowsError, prepare
@@ -342,13 +342,16 @@ def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
     for name in term.coefficients:
         value, error = fit.coefficients[term.name][name], fit.standard_error(term.name, name)
         own, c = parts[term.name, name], declared.get(name)
+        noise = scatter(problem, fit, len(fit.nuisance) + fit.columns.index((term.name, name)))
         if c is None or c.shape is None or c.shape_uncertainty == 0.0:
-            found[name] = Estimate(value, error, "1" if c is None else c.unit, parts=own)
+            found[name] = Estimate(value, error, "1" if c is None else c.unit, parts=own, scatter=noise)
             continue
         prior = Prior(problem.unknowns.null(term)[name], c.shape_uncertainty)
         source = "the model" if term.name in problem.unknowns.known else c.source
         data = without_prior(value, error, prior)
-        found[name] = Estimate(value, error, c.unit, prior, data, source, own)
+        found[name] = Estimate(
+            value, error, c.unit, prior, data, source, own, data and noise * (data[1] / error) ** 2
+        )
     return found
 
 
@@ -465,12 +468,16 @@ def nuisance_estimates(problem: Problem, fit: Fit) -> dict[str, NuisanceEstimate
     """Return the bench's uncertain parameters as fitted, by name; a group's members each."""
     result = {}
     values = problem.unknowns.values(fit)
-    for index, (_, parameters) in enumerate(problem.unknowns.nuisances):
+    for index, (group, parameters) in enumerate(problem.unknowns.nuisances):
         error = float(np.sqrt(fit.covariance[index, index]))
+        noise = scatter(problem, fit, index)
+        # where its error was found, the parameter is not what the prior is of
+        found = any(group in groups and name in fit.coefficients for name, groups in ERRORS.items())
         for p in parameters:
-            result[p.name] = NuisanceEstimate(
-                values[p.name], error * p.uncertainty, p.value, p.uncertainty, p.unit
-            )
+            own = values[p.name], error * p.uncertainty
+            data = None if found else without_prior(*own, Prior(p.value, p.uncertainty))
+            repeats = data and noise * p.uncertainty * (data[1] / own[1]) ** 2
+            result[p.name] = NuisanceEstimate(*own, p.value, p.uncertainty, p.unit, data, repeats)
     return result
 
 

@@ -62,6 +62,9 @@ class Estimate:
         Where the prior comes from.
     parts : ErrorParts or None
         What its uncertainty consists of; None where it was not fitted.
+    scatter : float or None
+        Standard deviation of `data`, or without a prior of `value`, between recordings of one machine; the rest of
+        their standard error is the same in all of them. None where it was not fitted.
     """
 
     value: float
@@ -71,6 +74,7 @@ class Estimate:
     data: tuple[float, float] | None = None
     source: str = ""
     parts: ErrorParts | None = None
+    scatter: float | None = None
 
     @property
     def conflict(self) -> float | None:
@@ -82,13 +86,15 @@ class Estimate:
 
 @dataclass(frozen=True)
 class NuisanceEstimate:
-    """Estimate of a bench parameter, with its stated value."""
+    """Estimate of a bench parameter, with its stated value; `data` and `scatter` as those of `Estimate`."""
 
     value: float
     standard_error: float
     prior_value: float
     prior_uncertainty: float
     unit: str
+    data: tuple[float, float] | None = None
+    scatter: float | None = None
 
     @property
     def pull(self) -> float:

@@ -45,6 +45,17 @@ def error_parts(problem: Problem, fit: Fit) -> dict[tuple[str, str], ErrorParts]
     return parts
 
 
+def scatter(problem: Problem, fit: Fit, index: int) -> float:
+    """Return how the estimate of an unknown scatters between recordings of one machine, as a standard deviation.
+
+    Its standard error has two parts: the noise of the rows, which is new in every recording, and the deviations of the
+    machine from the priors, which repeat.
+    """
+    inverse, _ = problem.unknowns.prior(fit.terms)
+    own = fit.covariance[index]
+    return math.sqrt(max(float(own[index] - np.sum((inverse * own) ** 2)), 0.0))
+
+
 def _undetected(problem: Problem, fit: Fit) -> Array:
     """Return the rows (N, p) of every effect that model and fit lack, at the expected size of an undetected one."""
     unknowns, fitted = problem.unknowns, {term.name for term in fit.terms}
