@@ -118,7 +118,7 @@ def test_recordings_of_one_machine_are_one_machine() -> None:
 def test_the_interval_contains_the_spread_in_95_of_100_tables(
     spread: float, least: float, most: float
 ) -> None:
-    """Seven machines with errors of 0.2 to 1; 500 tables, whose fraction scatters by one in 100."""
+    """Seven machines with errors of 0.2 to 1; 500 tables, whose fraction is known to 0.01."""
     rng = np.random.default_rng(15)
     inside, ends, mean = 0, [], []
     for _ in range(500):
