@@ -10,6 +10,7 @@ import pytest
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.fitting.preparation import prepare, samples_of
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.hum import Line
 from gyrowheel_analysis.reduction.instrument_readings import Shown
@@ -191,17 +192,19 @@ def test_a_burst_of_noise_counts_in_its_window_alone(samples: Samples, windows: 
 
 
 def test_a_burst_counts_more_in_a_change_at_the_end_of_a_window(samples: Samples, windows: Windows) -> None:
+    """One in the last samples would look like a motion that begins there, and end the window earlier."""
     rng = np.random.default_rng(5)
-    hit, length = 3, 60
+    hit, length, last = 3, 60, 40
     begin, end = np.searchsorted(samples.time, windows.start[hit] + np.array([0.0, windows.duration[hit]]))
     raised = []
-    for place in ((begin + end - length) // 2, end - length):
+    for place in ((begin + end - length) // 2, end - length - last):
         readings = samples.readings.copy()
         for reading in ("tilt_x", "tilt_y"):
             readings[reading][place : place + length] += (
-                20.0 * BENCH.value("tilt_noise") * rng.standard_normal(length)
+                6.0 * BENCH.value("tilt_noise") * rng.standard_normal(length)
             )
         found = reduce(replace(samples, readings=readings), BENCH)
+        assert found.duration[hit] == windows.duration[hit]
         raised.append(found.tilt_rate_variance[hit] / windows.tilt_rate_variance[hit])
     assert raised[1] > 3.0 * raised[0]
 
@@ -260,6 +263,19 @@ def test_motion_that_has_not_settled_is_left_out_or_begins_later(samples: Sample
     (same,) = np.flatnonzero(np.isclose(left.start + left.duration, late.start + late.duration, atol=0.05))
     assert left.start[same] > late.start + 0.1
     assert np.abs(left.mean_tilt[same] - late.mean_tilt) < 2.0e-5
+
+
+@pytest.mark.parametrize("late", [0.012, 0.05])
+def test_a_window_ends_before_the_next_motion_begins(late: float, samples: Samples, windows: Windows) -> None:
+    """A clock that is off by 50 ppm makes setpoints late by 12 ms in 4 min: the coils push, the tilt hardly moves."""
+    found, coverage = reduce_and_account(replace(samples, setpoint_time=samples.setpoint_time + late), BENCH)
+    assert len(found) >= len(windows) - 1
+    assert 0.7 * coverage.steady < coverage.used < coverage.steady
+    balance = Balance(found, BENCH)
+    problem = Problem.of([balance], BENCH)
+    white = problem.noise.whiten(problem.fit(()).residual)
+    averages = np.concatenate([white[balance.row(row)] for row in ("tilt_x", "tilt_y", "spin")])
+    assert np.abs(averages).max() < 4.0
 
 
 def test_a_failing_supply_leaves_windows_out(samples: Samples, windows: Windows) -> None:

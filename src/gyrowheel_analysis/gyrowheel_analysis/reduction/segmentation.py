@@ -186,7 +186,7 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
     return Windows.of(rows)
 
 
-_SETTLES_BY = 0.2  # s; delay of the start of a window whose motion has not settled
+_SETTLES_BY = 0.2  # s; by which a window is shortened at an end where the motion is not steady
 #: Reasons why steady motion lies in no window.
 _TOO_FEW = "with too few samples or revolutions"
 _UNREAD = "with readings missing"
@@ -243,18 +243,18 @@ def reduce_and_account(data: Samples, bench: Bench, *, weighed: bool = True) -> 
         count = window_count(stop - start, longest, cone=bool(turn))
         edges = np.linspace(start, stop, count + 1)
         for a, b in itertools.pairwise(edges):
-            row, begin, why = _window(data, clipped, fit, a, b, last if turn else None)
+            row, (begin, end), why = _window(data, clipped, fit, a, b, last if turn else None)
             if row is None:
-                left_out[why or _why_too_few(data.time, without, begin, b, h)] += b - a
+                left_out[why or _why_too_few(data.time, without, begin, end, h)] += b - a
                 continue
             row["segment"] = segment
             rows.append(row)
-            unread = h * float(np.diff(np.searchsorted(without, (begin, b)))[0])
-            used += b - begin - unread
+            unread = h * float(np.diff(np.searchsorted(without, (begin, end)))[0])
+            used += end - begin - unread
             if unread > 0.0:
                 left_out[_UNREAD] += unread
-            if begin > a:
-                left_out[_UNSETTLED] += begin - a
+            if end - begin < b - a:
+                left_out[_UNSETTLED] += b - a - (end - begin)
     assumed = (*assumed_rig(data.environment), *assumed)
     missed = _missed(rows, h, loop, bench)
     return Windows.of(rows), Coverage(length, used, dict(left_out), assumed, missed)
@@ -300,29 +300,33 @@ def _window(
     begin: float,
     end: float,
     cone_speed: float | None,
-) -> tuple[dict[str, Any] | None, float, str]:
-    """Return the window between two times, its start, and the reason if there is none (empty: too few samples).
+) -> tuple[dict[str, Any] | None, tuple[float, float], str]:
+    """Return the window between two times, its own times, and the reason if there is none (empty: too few samples).
 
-    The window of a hold that has not settled starts later. That of a cone cannot; it must have reached `cone_speed`.
+    The window of a hold that has not settled starts later, and one in whose last samples the next motion begins, as by
+    setpoints of another clock, ends earlier. That of a cone cannot; it must have reached `cone_speed`.
     """
     why = ""
     while end - begin >= SHORTEST:
         i, j = (int(k) for k in np.searchsorted(data.time, (begin - 1e-9, end - 1e-9)))
         if clipped[i:j].any():
-            return None, begin, _CLIPPED
+            return None, (begin, end), _CLIPPED
         row = fit(i, j)
         if row is None:
-            return None, begin, why
-        unsettled = row.pop("unsettled")
+            return None, (begin, end), why
+        unsettled, left = row.pop("unsettled"), row.pop("left")
         if cone_speed is not None and not _at_speed(row, cone_speed, end - begin):
-            return None, begin, _OFF_SPEED
-        if not unsettled:
-            return row, begin, ""
+            return None, (begin, end), _OFF_SPEED
+        if not (unsettled or left):
+            return row, (begin, end), ""
         why = _UNSETTLED
         if cone_speed is not None:
             break
-        begin += _SETTLES_BY
-    return None, begin, why
+        if left:  # what moves there is no reason to begin later
+            end -= _SETTLES_BY
+        else:
+            begin += _SETTLES_BY
+    return None, (begin, end), why
 
 
 def _why_too_few(time: Array, without: Array, start: float, stop: float, h: float) -> str:

@@ -32,7 +32,7 @@ FEWEST_REVOLUTIONS = 4  # of a window; with fewer, harmonics and slow motion are
 #: Fraction of the samples of a window that must be present.
 FEWEST_SAMPLES = 0.7
 _FURTHER = 4  # terms of the polynomials that show whether a motion has settled
-#: Samples at each end of a window whose mean residual shows that a motion began or ended there.
+#: Samples at each end of a window whose mean residual shows that a motion ended or began there.
 _EDGE_SAMPLES = (4, 8, 16)
 #: Fitted columns: tilt, motor current, coil voltages, spin rate, motor voltage.
 _TILT, _CURRENT, _COIL, _SPIN, _MOTOR = range(5)
@@ -63,9 +63,9 @@ def fit_window(
 
     `periods` are the sampling period of the recording, the duration of a held voltage by its stamp, and the period of
     the loop [s]; `heat` and `noise` are the results of `motor_temperatures` and `reading_noise`; for `weighed` see
-    `reduce_and_account`. Returns the fields of `Windows` for this window except ``segment``, and ``unsettled``:
-    whether the polynomials cannot follow the motion; then ``spin`` alone is with it. Returns None if there are too few
-    samples or revolutions.
+    `reduce_and_account`. Returns the fields of `Windows` for this window except ``segment``, and two flags:
+    ``unsettled`` if the polynomials cannot follow the motion, ``left`` if another motion begins at the end; with one of
+    them, ``spin`` alone is with it. Returns None if there are too few samples or revolutions.
     """
     h, hold, loop = periods
     if j - i < 3 * FEWEST_REVOLUTIONS:
@@ -116,19 +116,24 @@ def fit_window(
     turning = np.hstack([legendre, waves])
     turning_gram = np.linalg.inv(turning.T @ turning)
     _, turned, angle_left = despiked(angle[:, None], turning, turning_gram)
-    tilt_noise, angle_noise, current_noise = (
+    tilt_noise, angle_noise, current_noise, motor_noise = (
         noise[READING_NOISES.index(name)]
-        for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise")
+        for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise", "motor_voltage_noise")
     )
     tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
     tail = _more(series[:, degree : degree + _FURTHER], design, gram, left[:, _TILT]) / (2.0 * tilt_noise**2)
     angle_tail = _more(series[:, smooth : smooth + _FURTHER], turning, turning_gram, angle_left[:, 0])
+    # the coils turn the rotor, and the motor the shaft, some samples before either has moved
+    motor = left[:, _CURRENT].real / current_noise + 1j * left[:, _MOTOR].real / motor_noise
+    begins, ends = (
+        _sharp(left[:, _TILT], tilt_noise) | _sharp(left[:, _COIL], noise[volts]) | _sharp(motor, 1.0)
+    ).tolist()
     unsettled = (
         tail > UNSETTLED_TILT
         or angle_tail > UNSETTLED_ANGLE * angle_noise**2
         or np.mean(np.abs(left[:, _CURRENT]) ** 2) - 2.0 * abs(current_ripple) ** 2
         > (RESTLESS_CURRENT * current_noise) ** 2
-        or _sharp(left[:, _TILT], tilt_noise)
+        or begins
     )
     if not unsettled and tail > FURTHER_TERMS:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
@@ -137,8 +142,8 @@ def fit_window(
     if data.summed and "spin_rate" not in data.absent:
         # the integral of the speed is a random walk by its noise: the polynomial is fitted to the speed itself
         spin, speed_variance = _of_speed(readings[:, _SPIN].real, legendre[:, :-1], waves, duration)
-    if unsettled:
-        return {"unsettled": True, "spin": _shortened(spin)}
+    if unsettled or ends:
+        return {"unsettled": unsettled, "left": ends, "spin": _shortened(spin)}
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
     slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
     slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
@@ -167,6 +172,7 @@ def fit_window(
     heating = interpolated(heat[0], heat[1], end) - interpolated(heat[0], heat[1], begin)
     return {
         "unsettled": False,
+        "left": False,
         "start": begin,
         "duration": duration,
         "samples": float(len(time)),
@@ -361,17 +367,17 @@ def _more(further: Any, design: Array, gram: Array, left: Any) -> float:
     return float(np.real(along.conj() @ np.linalg.solve(square, along))) / _FURTHER
 
 
-def _sharp(left: Any, noise: float) -> bool:
-    """Whether complex residuals (n,) are large at an end, as where a motion begins or ends."""
+def _sharp(left: Any, noise: float) -> NDArray[np.bool_]:
+    """Whether complex residuals (n,) are large at the start and at the end, as where a motion ends or begins."""
+    found = np.zeros(2, dtype=bool)
     for count in _EDGE_SAMPLES:
         ends, inner = np.array([left[:count], left[-count:]]), left[count:-count]
         blocks = inner[: len(inner) // count * count].reshape(-1, count)
         usual, off = (np.abs(part.sum(axis=1)) ** 2 for part in (blocks, ends))
         # a burst of noise must not conceal a motion
         usual = usual[usual <= EDGE_OF_MOTION * np.median(usual) / _MEDIAN_OF_SQUARES]
-        if off.max() > EDGE_OF_MOTION * max(float(usual.mean()), 2.0 * count * noise**2):
-            return True
-    return False
+        found |= off > EDGE_OF_MOTION * max(float(usual.mean()), 2.0 * count * noise**2)
+    return found
 
 
 def _held(order: Any, turn: float) -> Any:
