@@ -14,7 +14,7 @@ from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
 from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.events import accepted, as_events, beside_events, unused_events, with_sizes
-from gyrowheel_analysis.diagnosis.explanation import explained
+from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import prove
 from gyrowheel_analysis.diagnosis.proof_result import Proof
@@ -126,7 +126,7 @@ def add_effect(
     terms, declared = _asked(model, start, names)
     if not terms and not air:
         raise InputError("no effect given")
-    explanation = explained(prepare(fit, start, validate=validate, progress=progress), fit, progress)
+    explanation = explanation_of(prepare(fit, start, validate=validate, progress=progress), fit, progress)
     if progress:
         progress("fitting")
     prepared = explanation.weighed

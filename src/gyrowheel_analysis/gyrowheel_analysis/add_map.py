@@ -12,7 +12,7 @@ from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
 from gyrowheel_analysis.diagnosis.diagnose import estimates
 from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.events import as_events, unused_events
-from gyrowheel_analysis.diagnosis.explanation import explained
+from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.arrays import one_thread
@@ -47,7 +47,7 @@ def add_map(
     """
     if given is not None and given.effect.name in model.effects:
         raise InputError(f"{model.origin}: effects.{given.effect.name}: the model has it already")
-    explanation = explained(prepare(fit, model, validate=validate, progress=progress), fit, progress)
+    explanation = explanation_of(prepare(fit, model, validate=validate, progress=progress), fit, progress)
     if progress:
         progress("fitting a map of the missing torque")
     paths = [str(r.path) for r in fit]

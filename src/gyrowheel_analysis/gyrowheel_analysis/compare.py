@@ -16,7 +16,8 @@ from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
 from gyrowheel_analysis.diagnosis.diagnose import misstated
 from gyrowheel_analysis.diagnosis.estimates import Misstated
 from gyrowheel_analysis.diagnosis.events import with_sizes
-from gyrowheel_analysis.diagnosis.explanation import explained, unexplained
+from gyrowheel_analysis.diagnosis.explanation import unexplained
+from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -176,7 +177,7 @@ def compare(
         If a recording has too little steady motion to compare anything.
     """
     first = prepare(recordings, model, progress=progress)
-    explanation = explained(first, recordings, progress) if explain else unexplained(first)
+    explanation = explanation_of(first, recordings, progress) if explain else unexplained(first)
     prepared, problem, fit = explanation.fitted, explanation.problem, explanation.before
     data = residual_data(prepared, fit)
     errors = errors_of(fit, fit, prepared)

@@ -10,6 +10,7 @@ import contextlib
 import functools
 import hashlib
 import importlib.util
+import math
 import os
 import re
 import secrets
@@ -140,16 +141,19 @@ def write(name: str, content: bytes) -> None:
             written.unlink(missing_ok=True)
 
 
-def keep_latest(prefix: str, most: int) -> None:
-    """Remove the oldest entries whose names begin with a prefix, beyond so many."""
+def keep_latest(prefix: str, most: int, size: float = math.inf) -> None:
+    """Remove the oldest entries whose names begin with a prefix, beyond so many or so large in all [bytes]."""
     place = folder()
     if place is None:
         return
     with contextlib.suppress(OSError):
         own = [entry for entry in os.scandir(place) if entry.name.startswith(prefix)]
-        own.sort(key=lambda entry: entry.stat(follow_symlinks=False).st_mtime)
-        for entry in own[: max(len(own) - most, 0)]:
-            os.unlink(entry.path)
+        found = [entry.stat(follow_symlinks=False) for entry in own]
+        total = 0
+        for number, k in enumerate(sorted(range(len(own)), key=lambda k: -found[k].st_mtime)):
+            total += found[k].st_size
+            if number >= most or total > size:
+                os.unlink(own[k].path)
 
 
 def _sweep(place: Path) -> None:

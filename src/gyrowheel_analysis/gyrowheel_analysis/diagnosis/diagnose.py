@@ -35,7 +35,7 @@ from gyrowheel_analysis.diagnosis.events import (
     with_sizes,
 )
 from gyrowheel_analysis.diagnosis.experiment_design import Planner, Separation, detection_limits
-from gyrowheel_analysis.diagnosis.explanation import Explanation, explained
+from gyrowheel_analysis.diagnosis.explanation import Explanation
 from gyrowheel_analysis.diagnosis.findings import (
     EffectFinding,
     FreeForm,
@@ -45,6 +45,7 @@ from gyrowheel_analysis.diagnosis.findings import (
     TieReport,
 )
 from gyrowheel_analysis.diagnosis.free_forms import places, whole_exponents, with_exponents
+from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.diagnosis.limits import beyond, unusual
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.proof_result import Proof
@@ -117,7 +118,7 @@ def diagnose(
                 found = Diagnosis("insufficient_data", first.windows, (), "", misstated=wrong_values)
                 return _named(found, paths, model, began)
             say("looking for missing effects")
-            explanation = supported(explained(first, recordings, progress), validate)
+            explanation = supported(explanation_of(first, recordings, progress), validate)
             say("judging ties, limits and the next test")
             found = _judged(explanation, recordings, validate)
             if _leaves_something(found):

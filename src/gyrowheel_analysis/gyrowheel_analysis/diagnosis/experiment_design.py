@@ -256,16 +256,15 @@ class Planner:
 def detection_limits(problem: Problem, fit: Fit, inflation: float) -> list[DetectionLimit]:
     """Return the detection limits of the registered effects that model and fit lack, all else being estimated.
 
-    What shapes a law has its usual value. Those with a memory are rough (`Problem.roughly`).
+    What shapes a law has its usual value.
     """
-    rough = problem.roughly()
     basis = problem.basis(fit)
     limits = []
     for term in candidate_terms(problem.bench) + problem.memory_terms:
         effect = term.effect
         if effect is None or term in fit.terms or term.name in problem.unknowns.known:
             continue
-        own = (rough if effect.states else problem).term_jacobian(term, fit, term.amplitudes)
+        own = problem.term_jacobian(term, fit, term.amplitudes)
         columns = np.vstack([problem.noise.whiten(own), np.zeros((len(fit.pull), own.shape[1]))])
         columns = columns - basis @ (basis.T @ columns)
         needed = math.sqrt(threshold(term, inflation))

@@ -15,6 +15,7 @@ from gyrowheel_analysis.criteria import (
     DRIFT_OR_MAP,
     EVENT_GAIN,
     MEMORY_ALONE,
+    MEMORY_ROUGH,
     MEMORY_SHARE,
     TIE_LOSS,
 )
@@ -36,8 +37,9 @@ class Explanation:
     """The explanation of recordings: effects, an optional free form, and events.
 
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
-    `rejected` are terms that were found and make the prediction of unused data worse. `laws` look like events and are
-    none, and nothing that was found describes them.
+    `weighed_by` is the fit whose machine the noise is of, None for that of the bench as stated. `rejected` are terms
+    that were found and make the prediction of unused data worse. `laws` look like events and are none, and nothing that
+    was found describes them.
     """
 
     fitted: Prepared
@@ -45,8 +47,18 @@ class Explanation:
     selection: Selection
     proposal: Proposal | None
     happened: list[Found]
+    weighed_by: Fit | None = None
     rejected: tuple[str, ...] = ()
     laws: tuple[MotionLaw, ...] = ()
+
+    def validated_by(self, validation: Prepared | None) -> Explanation:
+        """Return the explanation with recordings for validation, which have the same noise."""
+        if validation is None:
+            return self
+        if self.weighed_by is not None:
+            validation = replace(validation, problem=validation.problem.reweighed(self.weighed_by))
+        fitted, weighed = (replace(own, validation=validation) for own in (self.fitted, self.weighed))
+        return replace(self, fitted=fitted, weighed=weighed)
 
     @property
     def problem(self) -> Problem:
@@ -168,7 +180,7 @@ def _remembers(problem: Problem, fit: Fit, inflation: float = 0.0) -> bool:
     laws = problem.memory_terms  # none after a long pause: no form with a state either
     ranked = rank(problem.roughly(), fit, [*laws, *family(problem, memory_forms())] if laws else [])
     return any(
-        gain > max(threshold(term, inflation) if inflation else ACCEPTED_GAIN_FURTHER, share)
+        gain > MEMORY_ROUGH * max(threshold(term, inflation) if inflation else ACCEPTED_GAIN_FURTHER, share)
         for gain, term in ranked
     )
 
@@ -193,8 +205,9 @@ def _explained(
     leaves nothing and has no events: a form must beat it, and no events are sought.
     """
     own = replace(first, problem=problem)
-    weighed = own.reweighed(selection.best)
+    weighed, weighed_by = own.reweighed(selection.best), None
     if weighed is not own:
+        weighed_by = selection.best
         selection = select(weighed.problem, progress=progress)
     if below is None:
         outcome = explain(weighed.problem, selection, recordings, progress, among)
@@ -207,4 +220,4 @@ def _explained(
         proposal = settled(fitted.problem, proposal)
     weighed = replace(weighed, problem=weighed.problem.with_scales(fitted.problem.noise.scales))
     laws = () if proposal is not None else outcome.laws
-    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, laws=laws)
+    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, weighed_by, laws=laws)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -24,6 +24,12 @@ _COEFFICIENT_STEP = 1.0e-3  # of `Unknowns.scale`
 _State = tuple[dict[str, float], list[Instants], Array]
 
 
+def _roughly(state: _State) -> _State:
+    """Return a state to which further laws with a memory add roughly."""
+    values, instants, rows = state
+    return values, [replace(at, motion=at.motion.roughly()) for at in instants], rows
+
+
 class Prediction:
     """Rows of the balances, one a recording, as functions of the unknowns; caches the last few states."""
 
@@ -32,6 +38,16 @@ class Prediction:
         self.unknowns = unknowns
         self._states: OrderedDict[object, _State] = OrderedDict()
         self._stated_columns: dict[Term, Array] = {}
+        self._rough = False
+
+    @property
+    def known(self) -> dict[Term, Array]:
+        """The derivatives by terms that are known (`stated_columns`)."""
+        return self._stated_columns
+
+    def know(self, columns: Mapping[Term, Array]) -> None:
+        """Take over derivatives by terms that were computed before."""
+        self._stated_columns |= columns
 
     def rows(self, point: Point) -> Array:
         """Return the predicted rows of all recordings."""
@@ -60,13 +76,10 @@ class Prediction:
         return result
 
     def roughly(self) -> Prediction:
-        """Return the same prediction, in whose known states further laws with a memory are rough (`History.rough`)."""
+        """Return the same prediction, to whose states further laws with a memory add roughly (`History.rough`)."""
         result = copy(self)
-        result._stated_columns = {}
-        result._states = OrderedDict(
-            (key, (values, [replace(at, motion=at.motion.roughly()) for at in instants], rows))
-            for key, (values, instants, rows) in self._states.items()
-        )
+        result._rough, result._stated_columns = True, {}
+        result._states = OrderedDict((key, _roughly(state)) for key, state in self._states.items())
         return result
 
     def split(self, rows: Array) -> list[Array]:
@@ -166,7 +179,8 @@ class Prediction:
             rows = np.concatenate(
                 [b.rows_at(at, values) for b, at in zip(self.balances, instants, strict=True)]
             )
-            self._states[key] = values, instants, rows
+            state = values, instants, rows
+            self._states[key] = _roughly(state) if self._rough else state
             if len(self._states) > _KEPT_STATES:
                 self._states.popitem(last=False)
         return self._states[key]

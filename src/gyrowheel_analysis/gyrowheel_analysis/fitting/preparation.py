@@ -94,12 +94,7 @@ class Prepared:
     def reweighed(self, fit: Fit) -> Prepared:
         """Return the same with the noise of the machine that a fit describes; itself where that hardly differs."""
         problem = self.problem.reweighed(fit)
-        if problem is self.problem:
-            return self
-        other = self.validation
-        if other is not None:
-            other = replace(other, problem=other.problem.reweighed(fit))
-        return replace(self, problem=problem, validation=other)
+        return self if problem is self.problem else replace(self, problem=problem)
 
 
 def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:

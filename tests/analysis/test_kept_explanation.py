@@ -1,0 +1,175 @@
+"""Explanations in the user's cache: a second verb on the same recordings searches for nothing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gyrowheel_analysis.add import add_effect
+from gyrowheel_analysis.compare import compare
+from gyrowheel_analysis.diagnosis import kept_explanation
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.result import Diagnosis
+from gyrowheel_analysis.model import Model
+from gyrowheel_control.plans.plan import Plan
+from gyrowheel_core import cache
+from gyrowheel_recording.bags import Recording
+from gyrowheel_sim.effects import EffectValues
+from gyrowheel_sim.effects.user_defined_line import typed_effect
+from gyrowheel_sim.plant.scenario import Scenario
+
+from .machines import BENCH, hidden_machine, record
+from .test_problem import SHORT
+
+CROSS: EffectValues = {"aero_cross": {"c": 0.0055, "n": 1.98}}
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return record(tmp_path_factory.mktemp("kept"), "run", hidden_machine(6, CROSS), Plan.load(SHORT))
+
+
+@pytest.fixture(scope="module")
+def unused(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return record(
+        tmp_path_factory.mktemp("kept"), "run", hidden_machine(6, CROSS), Plan.load(SHORT), noise_seed=9
+    )
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    place = tmp_path / "cache"
+    monkeypatch.setenv(cache.VARIABLE, str(place))
+    monkeypatch.setattr(kept_explanation, "_WORTH", 0.0)  # of a short recording, too
+    yield place
+    cache._folder.cache_clear()
+
+
+@pytest.fixture
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the numbers of recordings of all searches from now on."""
+    found: list[int] = []
+    search = kept_explanation.explained
+
+    def counted(first: Any, recordings: Sequence[Recording], progress: Any) -> Any:
+        found.append(len(recordings))
+        return search(first, recordings, progress)
+
+    monkeypatch.setattr(kept_explanation, "explained", counted)
+    return found
+
+
+def facts(found: Diagnosis) -> str:
+    """Return all of a diagnosis but the time that it took."""
+    with np.printoptions(threshold=10**9, floatmode="unique"):
+        return repr(replace(found, seconds=0.0))
+
+
+def test_comparison_diagnosis_and_addition_share_one_search(
+    recording: Recording, unused: Recording, searches: list[int]
+) -> None:
+    first = compare([recording], Model(BENCH))
+    found = diagnose([recording], Model(BENCH))
+    with_unused = diagnose([recording], Model(BENCH), validate=[unused])
+    add_effect(Model(BENCH), ["aero_cross"], [recording], validate=[unused])
+    assert len(searches) == 1
+    assert found.effects[0].name == "aero_cross"
+    assert with_unused.error is not None
+    assert with_unused.error.validation_after is not None
+    again = compare([recording], Model(BENCH))
+    assert again.error_before == first.error_before
+    assert len(searches) == 1
+
+
+def _with_event(recording: Recording) -> Recording:
+    """Return a recording in which a reading jumps half way."""
+    samples = recording.measurement.copy()
+    samples["coil_voltage_x"][len(samples) // 2 :] += 0.05
+    return replace(recording, measurement=samples)
+
+
+def _of(effects: EffectValues, plan: str, line: str = "") -> Callable[[Recording, Path], Recording]:
+    def made(_: Recording, folder: Path) -> Recording:
+        machine = hidden_machine(8, effects)
+        if line:
+            law = typed_effect(line)
+            machine = Scenario(machine.values, {law.name: law.defaults()}, 8, {law.name: law})
+        return record(folder, "made", machine, plan)
+
+    return made
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "made",
+    [
+        pytest.param(lambda own, _: own, id="an effect"),
+        pytest.param(lambda own, _: _with_event(own), id="an event"),
+        pytest.param(_of({"stiffness_memory": {"k": 0.02}}, "quick"), id="a law with a memory"),
+        pytest.param(_of({}, "quick", "pulled: -k*conj(z)^2*r; k = 0.04 [N*m]"), id="an unknown law"),
+        pytest.param(_of({}, "check"), id="nothing"),
+    ],
+)
+def test_a_kept_explanation_gives_the_same_diagnosis_to_the_last_digit(
+    made: Callable[[Recording, Path], Recording], recording: Recording, tmp_path: Path, searches: list[int]
+) -> None:
+    own = made(recording, tmp_path)
+    first = diagnose([own], Model(BENCH))
+    assert facts(diagnose([own], Model(BENCH))) == facts(first)
+    assert len(searches) == 1
+
+
+def test_another_question_is_searched_again(
+    recording: Recording, unused: Recording, searches: list[int]
+) -> None:
+    diagnose([recording], Model(BENCH))
+    samples = recording.measurement.copy()
+    samples["tilt_x"][1000] += 1e-9
+    declared = typed_effect("pulled: -k*conj(z)^2*r; k = 0.04 [N*m]")
+    other = typed_effect("pulled: -k*conj(z)^2*r^2; k = 0.04 [N*m]")
+    known: EffectValues = {"pulled": {"k": 1e-5}}
+    asked: list[Callable[[], Diagnosis]] = [
+        lambda: diagnose([replace(recording, measurement=samples)], Model(BENCH)),
+        lambda: diagnose([recording, unused], Model(BENCH)),
+        lambda: diagnose([recording], Model(BENCH), averages=True),
+        lambda: diagnose([recording], Model(BENCH, effects={"gravity_offset": {"G": 1e-3}})),
+        lambda: diagnose([recording], Model(BENCH, effects={"gravity_offset": {"G": 2e-3}})),
+        lambda: diagnose([recording], Model(BENCH, effects=known, declared={"pulled": declared})),
+        lambda: diagnose([recording], Model(BENCH, effects=known, declared={"pulled": other})),
+        lambda: diagnose(
+            [recording],
+            Model(BENCH.with_values({"flexure_stiffness_x": 1.001 * BENCH.value("flexure_stiffness_x")})),
+        ),
+    ]
+    for count, ask in enumerate(asked, 2):
+        ask()
+        assert len(searches) == count
+    for ask in asked:
+        ask()
+    assert len(searches) == len(asked) + 1
+
+
+def test_damaged_entries_are_searched_again(recording: Recording, folder: Path, searches: list[int]) -> None:
+    first = facts(diagnose([recording], Model(BENCH)))
+    (entry,) = (place for place in folder.iterdir() if place.name.startswith("explanation_"))
+    whole = entry.read_bytes()
+    for damaged in (b"", whole[:-1], whole[:40] + bytes([whole[40] ^ 1]) + whole[41:]):
+        entry.write_bytes(damaged)
+        assert facts(diagnose([recording], Model(BENCH))) == first
+    cache.write(entry.name, b"whole, but no pickle")
+    assert facts(diagnose([recording], Model(BENCH))) == first
+    assert len(searches) == 5
+
+
+def test_entries_are_kept_up_to_a_size_in_all(folder: Path) -> None:
+    for k in range(5):
+        cache.write(f"explanation_{k}", bytes(1000))
+        os.utime(folder / f"explanation_{k}", (k, k))
+    cache.keep_latest("explanation_", 4, 3000)
+    assert sorted(place.name for place in folder.iterdir()) == ["explanation_3", "explanation_4"]
