@@ -13,7 +13,7 @@ import pytest
 
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
-from gyrowheel_analysis.diagnosis import kept_explanation
+from gyrowheel_analysis.diagnosis import explanation, kept_explanation
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.model import Model
@@ -55,7 +55,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the numbers of recordings of all searches from now on."""
     found: list[int] = []
-    search = kept_explanation.explained
+    search = explanation.explained
 
     def counted(first: Any, recordings: Sequence[Recording], progress: Any) -> Any:
         found.append(len(recordings))

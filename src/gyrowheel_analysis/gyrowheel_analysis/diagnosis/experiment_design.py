@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.segmentation import planned_windows
+from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_analysis.residuals.error_table import channel_values
 from gyrowheel_control.plans.adaptation import plan_for
 from gyrowheel_control.plans.plan import Plan
@@ -132,41 +133,43 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
     return kept.for_unknowns(unknowns).with_scales(problem.noise.scales), minutes
 
 
+#: Packages on which the prediction of a plan depends, and what the user's cache has of a plan.
+_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_analysis")
+_OF_WINDOWS = tuple(own.name for own in fields(Windows))
+_ARRAYS = {"rows", "jacobian", "minutes", *_OF_WINDOWS}
+
+
 @functools.lru_cache(maxsize=_KEPT)
 def _planned(asked: _Asked) -> tuple[Problem, float] | None:
-    """Return the problem of a plan with the drifts as stated; nearly every diagnosis on a bench needs the same."""
-    bench = asked.unknowns.bench
-    try:
-        plan = plan_for(asked.plan, bench)
-    except InputError:
-        return None
-    balance = Balance(
-        planned_windows(plan, bench),
-        bench,
-        harmonics=asked.harmonics,
-        absent=asked.absent,
-        assumed=dict(asked.assumed),
-    )
-    return Problem.predicted_by(_as_stated(balance, asked)), plan.duration / 60.0
+    """Return the problem of a plan with the drifts as stated; nearly every diagnosis on a bench needs the same.
 
-
-#: Packages on which the prediction of a plan depends.
-_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_analysis")
-
-
-def _as_stated(balance: Balance, asked: _Asked) -> Prediction:
-    """Return the prediction of a plan; its derivatives with everything as stated are kept in the user's cache."""
-    prediction = Prediction([balance], asked.unknowns)
-    if asked.unknowns.known or asked.unknowns.declared:
-        return prediction
+    Windows, and derivatives with everything as stated, are kept in the user's cache.
+    """
+    unknowns, bench = asked.unknowns, asked.unknowns.bench
     given = (asked.plan, asked.stated, asked.harmonics, sorted(asked.absent), asked.assumed, asked.wider)
     name = f"plan_{cache.digest(cache.files_of(*_CODE), np.__version__, repr(given))}"
     kept = kept_arrays.read(name)
-    if kept is None or kept.keys() != {"rows", "jacobian"}:
+    if kept is None or kept.keys() != _ARRAYS:
+        try:
+            plan = plan_for(asked.plan, bench)
+        except InputError:
+            return None
+        kept, windows, minutes = None, planned_windows(plan, bench), plan.duration / 60.0
+    else:
+        windows, minutes = Windows(**{own: kept[own] for own in _OF_WINDOWS}), float(kept["minutes"])
+    balance = Balance(
+        windows, bench, harmonics=asked.harmonics, absent=asked.absent, assumed=dict(asked.assumed)
+    )
+    prediction = Prediction([balance], unknowns)
+    if unknowns.known or unknowns.declared:
+        pass  # whose part in it differs from model to model
+    elif kept is not None:
+        prediction = prediction.known_as_stated(kept["rows"], kept["jacobian"])
+    else:
         rows, jacobian = prediction.as_stated
-        kept_arrays.write(name, rows=rows, jacobian=jacobian)
-        return prediction
-    return prediction.known_as_stated(kept["rows"], kept["jacobian"])
+        own_windows = {own: getattr(windows, own) for own in _OF_WINDOWS}
+        kept_arrays.write(name, rows=rows, jacobian=jacobian, minutes=np.array(minutes), **own_windows)
+    return Problem.predicted_by(prediction), minutes
 
 
 class Planner:
