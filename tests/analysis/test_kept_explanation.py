@@ -12,10 +12,14 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.add import add_effect
+from gyrowheel_analysis.channels import DRIFTS
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis import explanation, kept_explanation
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.explanation import Explanation, unexplained
+from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.diagnosis.result import Diagnosis
+from gyrowheel_analysis.fitting.preparation import Prepared, prepare
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import cache
@@ -72,19 +76,21 @@ def facts(found: Diagnosis) -> str:
 
 
 def test_comparison_diagnosis_and_addition_share_one_search(
-    recording: Recording, unused: Recording, searches: list[int]
+    recording: Recording, unused: Recording, searches: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = compare([recording], Model(BENCH))
     found = diagnose([recording], Model(BENCH))
     with_unused = diagnose([recording], Model(BENCH), validate=[unused])
     add_effect(Model(BENCH), ["aero_cross"], [recording], validate=[unused])
+    assert compare([recording], Model(BENCH)).error_before == first.error_before
     assert len(searches) == 1
     assert found.effects[0].name == "aero_cross"
     assert with_unused.error is not None
     assert with_unused.error.validation_after is not None
-    again = compare([recording], Model(BENCH))
-    assert again.error_before == first.error_before
-    assert len(searches) == 1
+    # without a cache
+    monkeypatch.setattr(cache, "read", lambda name: None)
+    assert facts(diagnose([recording], Model(BENCH), validate=[unused])) == facts(with_unused)
+    assert len(searches) == 2
 
 
 def _with_event(recording: Recording) -> Recording:
@@ -125,46 +131,63 @@ def test_a_kept_explanation_gives_the_same_diagnosis_to_the_last_digit(
     assert len(searches) == 1
 
 
+@pytest.fixture
+def unsearched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the numbers of recordings of all searches, which find nothing and take no time."""
+    found: list[int] = []
+
+    def nothing(first: Prepared, recordings: Sequence[Recording], progress: Any) -> Explanation:
+        found.append(len(recordings))
+        return unexplained(first)
+
+    monkeypatch.setattr(kept_explanation, "explained", nothing)
+    return found
+
+
 def test_another_question_is_searched_again(
-    recording: Recording, unused: Recording, searches: list[int]
+    recording: Recording, unused: Recording, unsearched: list[int]
 ) -> None:
-    diagnose([recording], Model(BENCH))
     samples = recording.measurement.copy()
     samples["tilt_x"][1000] += 1e-9
-    declared = typed_effect("pulled: -k*conj(z)^2*r; k = 0.04 [N*m]")
-    other = typed_effect("pulled: -k*conj(z)^2*r^2; k = 0.04 [N*m]")
+    law, other = (typed_effect(f"pulled: -k*conj(z)^2*{r}; k = 0.04 [N*m]") for r in ("r", "r^2"))
     known: EffectValues = {"pulled": {"k": 1e-5}}
-    asked: list[Callable[[], Diagnosis]] = [
-        lambda: diagnose([replace(recording, measurement=samples)], Model(BENCH)),
-        lambda: diagnose([recording, unused], Model(BENCH)),
-        lambda: diagnose([recording], Model(BENCH), averages=True),
-        lambda: diagnose([recording], Model(BENCH, effects={"gravity_offset": {"G": 1e-3}})),
-        lambda: diagnose([recording], Model(BENCH, effects={"gravity_offset": {"G": 2e-3}})),
-        lambda: diagnose([recording], Model(BENCH, effects=known, declared={"pulled": declared})),
-        lambda: diagnose([recording], Model(BENCH, effects=known, declared={"pulled": other})),
-        lambda: diagnose(
-            [recording],
-            Model(BENCH.with_values({"flexure_stiffness_x": 1.001 * BENCH.value("flexure_stiffness_x")})),
-        ),
+    stiffer = BENCH.with_values({"flexure_stiffness_x": 1.001 * BENCH.value("flexure_stiffness_x")})
+    plain = Model(BENCH)
+    questions: list[tuple[list[Recording], Model, dict[str, Any]]] = [
+        ([recording], plain, {}),
+        ([replace(recording, measurement=samples)], plain, {}),
+        ([recording, unused], plain, {}),
+        ([unused, recording], plain, {}),
+        ([recording], plain, {"harmonics": False}),
+        ([recording], plain, {"drift_scales": dict.fromkeys(DRIFTS, 2.0)}),
+        ([recording], Model(BENCH, effects={"gravity_offset": {"G": 1e-3}}), {}),
+        ([recording], Model(BENCH, effects={"gravity_offset": {"G": 2e-3}}), {}),
+        ([recording], Model(BENCH, effects=known, declared={"pulled": law}), {}),
+        ([recording], Model(BENCH, effects=known, declared={"pulled": other}), {}),
+        ([recording], Model(stiffer), {}),
     ]
-    for count, ask in enumerate(asked, 2):
-        ask()
-        assert len(searches) == count
-    for ask in asked:
-        ask()
-    assert len(searches) == len(asked) + 1
+    for _ in range(2):
+        for own, model, options in questions:
+            explanation_of(prepare(own, model, **options), own)
+    assert len(unsearched) == len(questions)
 
 
-def test_damaged_entries_are_searched_again(recording: Recording, folder: Path, searches: list[int]) -> None:
-    first = facts(diagnose([recording], Model(BENCH)))
+def test_damaged_entries_are_searched_again(
+    recording: Recording, folder: Path, unsearched: list[int]
+) -> None:
+    prepared = prepare([recording], Model(BENCH))
+    explanation_of(prepared, [recording])
     (entry,) = (place for place in folder.iterdir() if place.name.startswith("explanation_"))
     whole = entry.read_bytes()
     for damaged in (b"", whole[:-1], whole[:40] + bytes([whole[40] ^ 1]) + whole[41:]):
         entry.write_bytes(damaged)
-        assert facts(diagnose([recording], Model(BENCH))) == first
+        explanation_of(prepared, [recording])
     cache.write(entry.name, b"whole, but no pickle")
-    assert facts(diagnose([recording], Model(BENCH))) == first
-    assert len(searches) == 5
+    explanation_of(prepared, [recording])
+    assert len(unsearched) == 5
+    found = explanation_of(prepared, [recording])
+    assert len(unsearched) == 5
+    assert found.problem is prepared.problem
 
 
 def test_entries_are_kept_up_to_a_size_in_all(folder: Path) -> None:
