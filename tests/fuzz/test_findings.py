@@ -276,8 +276,6 @@ def test_a_database_whose_tables_ask_for_any_memory(tmp_path: Path) -> None:
     [
         ("all rate 3", "clock", "the times of the samples are divided by 3"),
         ("measurement times tilt_y 0.5", "scale", "tilt_y is read half as large as it is"),
-        ("measurement mixed motor_voltage spin_angle", "foreign", "motor_voltage is another signal"),
-        ("measurement mixed coil_voltage_y spin_angle", "foreign", "coil_voltage_y is another signal"),
     ],
 )
 def test_no_law_is_sought_for_what_none_can_explain(tmp_path: Path, line: str, kind: str, words: str) -> None:
@@ -290,3 +288,18 @@ def test_no_law_is_sought_for_what_none_can_explain(tmp_path: Path, line: str, k
     assert words in problem(found.setup[0])
     assert said
     assert not any("comparing with" in text for text in said)
+
+
+@pytest.mark.parametrize("name", ["motor_voltage", "coil_voltage_y"])
+def test_another_signal_in_a_column_is_named_where_it_leaves_no_steady_motion(
+    tmp_path: Path, name: str
+) -> None:
+    """The angle jumps once a turn, as if a motion began at the end of every window."""
+    whole = machine_recording(tmp_path / "whole", lacking=False)
+    wrong = gw.Recording.open(written(whole, [f"measurement mixed {name} spin_angle"], tmp_path / "run"))
+    model = gw.Model("gyrowheel")
+    with pytest.raises(gw.InputError, match=f"{name} is another signal.* --without {name}"):
+        gw.compare(wrong, model)
+    found = gw.diagnose(wrong, model)
+    assert found.verdict == "insufficient_data"
+    assert [own.kind for own in found.setup] == ["foreign"]
