@@ -157,6 +157,8 @@ def test_a_parameter_error_that_was_added_is_not_found_again(tmp_path: Path):
     wrong = Scenario({**machine.values, "coil_constant": 0.024}, {}, 6)
     fit, unused = recordings(tmp_path, wrong, "quick", "check")
     added = add_effect(Model.new(), ["coil_gain_error"], [fit], [unused])
+    error = added.coefficients["coil_gain_error"]["relative_error"].standard_error
+    assert added.model.overrides["coil_constant"].standard_error == pytest.approx(0.02 * error)
     added.model.save(tmp_path / "model.yaml")
     model = Model.load(tmp_path / "model.yaml")
     believed = model.reference_bench.parameters["coil_constant"]

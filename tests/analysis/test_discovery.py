@@ -18,7 +18,7 @@ from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.criteria import SETTLING_SEPARATION
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
-from gyrowheel_analysis.model import Model
+from gyrowheel_analysis.model import Model, Override
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
@@ -210,6 +210,26 @@ def test_a_wrong_bench_parameter_is_a_separate_finding(tmp_path: Path) -> None:
     assert named(found) == {"coil_gain_error"}
     estimate = found.effects[0].coefficients["relative_error"]
     assert abs(estimate.value - 0.2) < 4.0 * max(estimate.standard_error, 0.005)
+    own = found.nuisance["coil_constant"]
+    assert own.value == pytest.approx(0.02 * (1.0 + estimate.value))
+    assert own.standard_error == pytest.approx(0.02 * estimate.standard_error)
+    assert own.scatter == pytest.approx(0.02 * (estimate.scatter or 0.0))
+
+
+@pytest.mark.slow
+def test_an_instrument_that_was_found_is_a_parameter_of_that_value_and_in_a_model_once(
+    tmp_path: Path,
+) -> None:
+    machine = hidden_machine(6, {"encoder_once": {"E_x": 0.01, "E_y": 0.0}})
+    recording = record(tmp_path, "fit", machine, "quick")
+    found = diagnose([recording], Model.new())
+    (own,) = (i for i in found.instruments if i.quantity == "encoder_once_x")
+    shown = found.nuisance["encoder_once_x"]
+    assert (shown.value, shown.standard_error) == pytest.approx((own.value, own.standard_error), rel=1e-4)
+    assert own.standard_error > 1e-6
+    model = add_effect(Model.new(), ["encoder_once"], [recording]).model
+    assert model.effects["encoder_once"]["E_x"] == pytest.approx(own.value, rel=1e-3)
+    assert model.overrides["encoder_once_x"] == Override(0.0, 0.0)
 
 
 @pytest.mark.study

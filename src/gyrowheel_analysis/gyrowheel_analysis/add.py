@@ -27,6 +27,7 @@ from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import Effect, effect_from_mapping, effect_to_mapping, get, registry
+from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 from gyrowheel_sim.effects.user_defined import check_name
 
 #: Prefix for all effects of a model of the air: ``aero:MODEL``.
@@ -168,9 +169,12 @@ def add_effect(
 
 
 def overrides_of(problem: Problem, after: Fit) -> dict[str, Override]:
-    """Return the bench parameters as fitted."""
+    """Return the bench parameters as fitted, without what the added effects add to those of instruments."""
+    held = {law.target for term in after.terms if term.effect is not None for law in term.effect.laws}
+    held &= set(INSTRUMENT_PARAMETERS)
     return {
-        name: Override(n.value, n.standard_error)
+        # the effect has the deviation, with its error
+        name: Override(n.prior_value) if name in held else Override(n.value, n.standard_error)
         for name, n in nuisance_estimates(problem, after).items()
         if name not in problem.unknowns.assumed  # a property of the air of the day, not of the machine
     }

@@ -69,6 +69,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import effect_to_mapping, registry, remembering
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
 from gyrowheel_sim.effects.user_defined_line import effect_to_line
+from gyrowheel_sim.parameter import Parameter
 
 #: Channels of the instruments, as the parameters of the bench begin.
 _CHANNELS = ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")
@@ -343,7 +344,9 @@ def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
     for name in term.coefficients:
         value, error = fit.coefficients[term.name][name], fit.standard_error(term.name, name)
         own, c = parts[term.name, name], declared.get(name)
-        noise = scatter(problem, fit, len(fit.nuisance) + fit.columns.index((term.name, name)))
+        along = np.zeros(len(fit.covariance))
+        along[len(fit.nuisance) + fit.columns.index((term.name, name))] = 1.0
+        noise = scatter(problem, fit, along)
         if c is None or c.shape is None or c.shape_uncertainty == 0.0:
             found[name] = Estimate(value, error, "1" if c is None else c.unit, parts=own, scatter=noise)
             continue
@@ -466,20 +469,48 @@ def _channel_of(parameter: str) -> str:
 
 
 def nuisance_estimates(problem: Problem, fit: Fit) -> dict[str, NuisanceEstimate]:
-    """Return the bench's uncertain parameters as fitted, by name; a group's members each."""
+    """Return the bench's uncertain parameters as fitted, by name; a group's members each.
+
+    What a finding states of a parameter is part of its estimate: the error of the parameter, or what an effect that was
+    found adds to it. That has no prior, so their sum has none.
+    """
     result = {}
     values = problem.unknowns.values(fit)
     for index, (group, parameters) in enumerate(problem.unknowns.nuisances):
-        error = float(np.sqrt(fit.covariance[index, index]))
-        noise = scatter(problem, fit, index)
-        # where its error was found, the parameter is not what the prior is of
-        found = any(group in groups and name in fit.coefficients for name, groups in ERRORS.items())
         for p in parameters:
-            own = values[p.name], error * p.uncertainty
-            data = None if found else without_prior(*own, Prior(p.value, p.uncertainty))
-            repeats = data and noise * p.uncertainty * (data[1] / own[1]) ** 2
-            result[p.name] = NuisanceEstimate(*own, p.value, p.uncertainty, p.unit, data, repeats)
+            along = np.zeros(len(fit.covariance))
+            along[index] = p.uncertainty
+            value, found = (
+                values[p.name],
+                False,
+            )  # the errors of parameters are in the values, effects are not
+            for term in fit.terms:
+                null = problem.unknowns.null(term)
+                for name, size in _of_parameter(term, group, p, fit).items():
+                    found = True
+                    along[len(fit.nuisance) + fit.columns.index((term.name, name))] += size
+                    if term.effect is not None:
+                        value += size * (fit.coefficients[term.name][name] - null[name])
+            error = float(np.sqrt(along @ fit.covariance @ along))
+            data = (value, error) if found else without_prior(value, error, Prior(p.value, p.uncertainty))
+            repeats = data and scatter(problem, fit, along) * (data[1] / error) ** 2
+            result[p.name] = NuisanceEstimate(value, error, p.value, p.uncertainty, p.unit, data, repeats)
     return result
+
+
+def _of_parameter(term: Term, group: str, parameter: Parameter, fit: Fit) -> dict[str, float]:
+    """Return the change of a parameter by each coefficient of a term, of those whose deviations the term replaces."""
+    if term.effect is None:
+        return {"relative_error": parameter.value} if group in ERRORS[term.name] else {}
+    if parameter.name not in INSTRUMENT_PARAMETERS:
+        return {}
+    at = fit.coefficients[term.name]
+    return {
+        symbol.name: float(law.expression.diff(symbol).subs(at))
+        for law in term.effect.laws
+        if law.target == parameter.name
+        for symbol in law.expression.free_symbols
+    }
 
 
 def misstated(model: Model, problem: Problem) -> tuple[Misstated, ...]:

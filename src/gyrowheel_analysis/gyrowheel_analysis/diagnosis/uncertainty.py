@@ -45,15 +45,15 @@ def error_parts(problem: Problem, fit: Fit) -> dict[tuple[str, str], ErrorParts]
     return parts
 
 
-def scatter(problem: Problem, fit: Fit, index: int) -> float:
-    """Return how the estimate of an unknown scatters between recordings of one machine, as a standard deviation.
+def scatter(problem: Problem, fit: Fit, along: Array) -> float:
+    """Return how a sum of the unknowns scatters between recordings of one machine, as a standard deviation.
 
-    Its standard error has two parts: the noise of the rows, which is new in every recording, and the deviations of the
-    machine from the priors, which repeat.
+    `along` has the factor of each unknown in it. The standard error has two parts: the noise of the rows, which is new
+    in every recording, and the deviations of the machine from the priors, which repeat.
     """
     inverse, _ = problem.unknowns.prior(fit.terms)
-    own = fit.covariance[index]
-    return math.sqrt(max(float(own[index] - np.sum((inverse * own) ** 2)), 0.0))
+    own = fit.covariance @ along
+    return math.sqrt(max(float(along @ own - np.sum((inverse * own) ** 2)), 0.0))
 
 
 def _undetected(problem: Problem, fit: Fit) -> Array:
