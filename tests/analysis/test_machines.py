@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
+from gyrowheel.catalogue.api import own_effect
 from gyrowheel_analysis.diagnosis.diagnose import nuisance_estimates
 from gyrowheel_analysis.diagnosis.uncertainty import scatter
-from gyrowheel_analysis.fitting.fit import Prior, without_prior
+from gyrowheel_analysis.fitting.fit import Prior, Unknowns, without_prior
 from gyrowheel_analysis.machines import Shared, shared
+
+from .machines import BENCH
 
 Rows = list[dict[str, Any]]
 #: Vaccine against tuberculosis, 13 trials: cases and others among treated and among untreated people (Colditz et al.,
@@ -236,23 +239,24 @@ def linear(inverse: NDArray[np.float64], design: NDArray[np.float64]) -> tuple[A
     """Return problem and fit of a linear model with unit noise and priors about zero of these inverse deviations."""
     covariance = np.linalg.inv(design.T @ design + np.diag(inverse**2))
     return SimpleNamespace(unknowns=SimpleNamespace(prior=lambda _: (inverse, []))), SimpleNamespace(
-        terms=(), covariance=covariance, coefficients={}, nuisance=np.zeros(len(inverse))
+        terms=(), columns=[], covariance=covariance, coefficients={}, nuisance=np.zeros(len(inverse))
     )
 
 
 def test_the_scatter_of_an_estimate_is_that_of_repeated_recordings_of_one_machine() -> None:
+    """Also of a sum of estimates."""
     rng = np.random.default_rng(9)
     inverse, design = np.array([1.0, 2.0, 0.0]), rng.normal(size=(6, 3))
     problem, found = linear(inverse, design)
     truth = np.array([1.5, -0.8, 3.0])
     rows = design @ truth + rng.normal(size=(20000, 6))
     estimates = rows @ design @ found.covariance
-    for k in range(3):
-        assert scatter(problem, found, k) == pytest.approx(estimates[:, k].std(), rel=0.02)
-        assert scatter(problem, found, k) < math.sqrt(found.covariance[k, k])
+    for along in (*np.eye(3), np.array([0.4, 0.0, 1.0])):
+        assert scatter(problem, found, along) == pytest.approx((estimates @ along).std(), rel=0.02)
+        assert scatter(problem, found, along) < math.sqrt(along @ found.covariance @ along)
 
 
-def test_a_bench_parameter_has_its_estimate_without_prior_unless_its_error_was_found() -> None:
+def test_a_bench_parameter_has_its_estimate_without_prior() -> None:
     """Also its scatter, again that of repeated recordings."""
     rng = np.random.default_rng(10)
     stated = SimpleNamespace(name="coil_constant", value=0.02, uncertainty=4e-4, unit="N*m/V")
@@ -268,6 +272,52 @@ def test_a_bench_parameter_has_its_estimate_without_prior_unless_its_error_was_f
         values.append(own.data[0])
     assert own.data == without_prior(own.value, own.standard_error, Prior(0.02, 4e-4))
     assert own.scatter == pytest.approx(np.std(values), rel=0.04)
-    found.coefficients = {"coil_gain_error": {"relative_error": 0.1}}
-    own = nuisance_estimates(problem, found)["coil_constant"]
-    assert (own.data, own.scatter) == (None, None)
+
+
+LATE = own_effect("late: tilt_delay = 0.001*a")
+
+
+@pytest.mark.parametrize(
+    ("name", "parameter", "change"),
+    [
+        ("coil_gain_error", "coil_constant", 0.02),  # its deviation is held
+        ("stiffness_error", "flexure_stiffness_x", 0.1343),  # its deviation from the common factor is not
+        ("encoder_once", "encoder_once_y", 1.0),
+        ("late", "tilt_delay", 0.001),
+    ],
+)
+@pytest.mark.parametrize("repeated", [False, True])
+def test_a_parameter_that_was_found_has_value_error_and_scatter_of_the_finding(
+    name: str, parameter: str, change: float, repeated: bool
+) -> None:
+    """Of many machines, the values are off by the error; of one they scatter by the scatter."""
+    rng = np.random.default_rng(11)
+    unknowns = Unknowns(BENCH, declared={"late": LATE})
+    term, stated = unknowns.term(name), BENCH.parameters[parameter]
+    inverse, columns = unknowns.prior([term])
+    size = 3.0 * stated.uncertainty / change  # of the coefficients
+    design = rng.normal(size=(2 * len(inverse), len(inverse)))
+    design[:, unknowns.count :] /= size
+    covariance = np.linalg.inv(design.T @ design + np.diag(inverse**2))
+    place = next(k for k, (_, own) in enumerate(unknowns.nuisances) if stated in own)
+
+    def machine() -> NDArray[np.float64]:
+        return np.concatenate(
+            [rng.normal(size=unknowns.count) * (inverse[: unknowns.count] == 1.0), [size] * len(columns)]
+        )
+
+    truth, off = machine(), []
+    for _ in range(500):
+        truth = truth if repeated else machine()
+        x = covariance @ design.T @ (design @ truth + rng.normal(size=len(design)))
+        found: Any = SimpleNamespace(
+            terms=(term,), columns=columns, covariance=covariance, nuisance=x[: unknowns.count],
+            coefficients={name: {key: v for (_, key), v in zip(columns, x[unknowns.count :], strict=True)}},
+        )  # fmt: skip
+        problem: Any = SimpleNamespace(unknowns=unknowns)
+        own = nuisance_estimates(problem, found)[parameter]
+        off.append(own.value - stated.value - stated.uncertainty * truth[place] - change * size)
+        assert own.data == (own.value, own.standard_error)
+    assert own.scatter is not None
+    assert np.std(off) == pytest.approx(own.scatter if repeated else own.standard_error, rel=0.1)
+    assert own.scatter < own.standard_error

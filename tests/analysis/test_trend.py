@@ -78,6 +78,91 @@ def test_a_step_of_one_day_is_found_in_repeated_recordings_of_few_machines() -> 
         assert not trend(table(seed, machines=4, each=12, spread=5.0)).departed
 
 
+def diagnosed(
+    seed: int,
+    *,
+    count: int = 60,
+    machines: int = 60,
+    named: bool = True,
+    another: bool = False,
+    step: float = 0.0,
+) -> list[dict[str, Any]]:
+    """Return rows as `batch` writes them, of parameters two stated uncertainties away from their stated values.
+
+    The machines take turns and differ by 0.5. Another plan from the middle on has smaller errors, less of which repeat.
+    """
+    rng = np.random.default_rng(seed)
+    later = another & (np.arange(count) >= count / 2)
+    error = np.where(later, 0.3, 1.2 if another else 0.4)
+    noise = error * np.where(later, 0.6, 0.2)
+    prior, of = 1.0, np.arange(count) % machines
+    rows: list[dict[str, Any]] = [
+        {"recording": f"r{k}", "machine": f"m{of[k]}" if named else "", "start": BEGIN + DAY * k}
+        for k in range(count)
+    ]
+    for j in range(10):
+        own, constants = rng.normal(0.0, 0.5, machines), rng.normal(0.0, 1.0, machines)
+        data = 2.0 + own[of] + constants[of] * np.sqrt(error**2 - noise**2) + rng.normal(0.0, noise)
+        data += step * (j == 7) * (np.arange(count) >= 0.6 * count)
+        variance = 1.0 / (error**-2 + prior**-2)
+        for k, row in enumerate(rows):
+            row |= {
+                f"e{j}": variance[k] * data[k] / error[k] ** 2, f"e{j}.error": variance[k] ** 0.5,
+                f"e{j}.data": data[k], f"e{j}.data_error": error[k], f"e{j}.data_scatter": noise[k],
+            }  # fmt: skip
+    return rows
+
+
+@pytest.mark.parametrize("another", [False, True])
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("machines", [1, 4, 30, 60])
+def test_priors_other_plans_and_repeated_recordings_raise_no_alarm(
+    machines: int, named: bool, another: bool
+) -> None:
+    """Of twenty tables one may. Unnamed recordings may be of one machine or of many."""
+    alarms = [
+        bool(trend(diagnosed(seed, machines=machines, named=named, another=another)).departed)
+        for seed in SEEDS
+    ]
+    assert sum(alarms) <= 1
+
+
+def test_a_step_between_the_recordings_of_two_machines_is_not_one_of_recordings() -> None:
+    """The machines are recorded one after the other; what they differ by is subtracted."""
+    for seed in SEEDS:
+        rows = diagnosed(seed, machines=6)
+        for k, row in enumerate(rows):
+            row["start"] = BEGIN + DAY * (k // 6 + 10 * (k % 6))
+        assert not trend(rows).departed
+
+
+def test_what_repeats_in_a_machine_is_not_in_the_limits_of_its_recordings() -> None:
+    """The step is as large as the whole error of one value, and five times as large as what is new in it."""
+    right = 0
+    for seed in SEEDS:
+        found = [(c.name, c.over, c.departure) for c in trend(diagnosed(seed, machines=4, step=0.4)).departed]
+        right += [own[:2] for own in found] == [("e7", "recordings")] and all(
+            left is not None and left.kind == "step" and abs(left.first - 36) <= 2 for *_, left in found
+        )
+    assert right >= 18
+
+
+def test_a_recording_that_names_no_machine_is_one() -> None:
+    rows = diagnosed(1, machines=1, named=False)
+    course = trend(rows).courses[0]
+    assert (course.over, len(course.value), set(course.machines)) == ("machines", 60, {""})
+    assert course.standard_error == pytest.approx(np.full(60, 0.4))
+    named = trend(diagnosed(1, machines=1)).courses[0]
+    assert (named.over, named.machines[:1]) == ("recordings", ("m0",))
+    assert named.standard_error == pytest.approx(np.full(60, 0.08))
+
+
+def test_the_versions_that_diagnosed_a_table_are_counted() -> None:
+    rows = table(3)
+    assert trend(rows).versions == 1
+    assert trend([row | {"version": str(k % 2)} for k, row in enumerate(rows)]).versions == 2
+
+
 def test_the_order_of_rows_does_not_matter() -> None:
     rows = table(1, "drift")
     one, other = trend(rows), trend(rows[::-1])

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,44 +79,78 @@ def shared(rows: Sequence[Mapping[str, Any]]) -> tuple[Shared, ...]:
         part of it that is new in every recording of a machine. A table without such columns has ``NAME`` and
         ``NAME.error``: values without priors, all of whose errors are new in every recording.
     """
+    found = [_shared(name, own) for name, own in values(rows).items() if own]
+    return tuple(sorted(found, key=lambda own: math.inf if own.chance is None else own.chance))
+
+
+class Value(NamedTuple):
+    """What a recording says of a quantity: value, standard error, and the part of it that is new in every recording."""
+
+    row: int
+    machine: str
+    value: float
+    error: float
+    scatter: float
+
+
+def values(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Value]]:
+    """Return the values of every quantity of a table as `shared` takes them, in the order of the rows.
+
+    A row without a machine has one of a name that no other row has.
+    """
     names = dict.fromkeys(n.removesuffix(".error") for row in rows for n in row if n.endswith(".error"))
     if any(f"{name}.data_error" in row for row in rows for name in names):
         columns = (".data", ".data_error", ".data_scatter")
     else:
         columns = ("", ".error", ".error")
-    found = [
-        _shared(name, known)
-        for name in names
-        if (known := list(_known(rows, [f"{name}{column}" for column in columns])))
-    ]
-    return tuple(sorted(found, key=lambda own: math.inf if own.chance is None else own.chance))
+    return {name: list(_known(rows, [f"{name}{column}" for column in columns])) for name in names}
 
 
-def _known(
-    rows: Sequence[Mapping[str, Any]], columns: Sequence[str]
-) -> Iterator[tuple[str, tuple[float, ...]]]:
-    """Yield machine, value, standard error and scatter of every recording that has them."""
+def _known(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> Iterator[Value]:
+    """Yield what every recording says that has these columns."""
     for number, row in enumerate(rows):
         own = tuple(math.nan if row.get(column) is None else float(row[column]) for column in columns)
         if all(abs(value) < _LARGEST for value in own) and own[1] > 1.0 / _LARGEST:
-            yield str(row.get("machine") or f"\n{number}"), own
+            value, error, scatter = own
+            yield Value(number, str(row.get("machine") or f"\n{number}"), value, error, min(scatter, error))
 
 
-def _shared(name: str, known: Sequence[tuple[str, tuple[float, ...]]]) -> Shared:
-    every: dict[str, list[tuple[float, ...]]] = {}
-    for machine, own in known:
-        every.setdefault(machine, []).append(own)
-    values, variances, square = [], [], 0.0
-    for several in every.values():
-        value, error, scatter = np.array(several).T
-        weight = error**-2 / np.sum(error**-2)
-        values.append(mean := float(weight @ value))
-        new = np.minimum(scatter, error)
-        # the rest of the errors is the same in all recordings of a machine
-        variances.append(float(np.sum((weight * new) ** 2) + (weight @ np.sqrt(error**2 - new**2)) ** 2))
-        square += float(np.sum(((value - mean) / error) ** 2))
+class MachineMean(NamedTuple):
+    """Mean of the recordings of a machine, and the two parts of its standard error."""
+
+    value: float
+    scatter: float  # falls with the number of recordings
+    repeated: float  # does not: it is the same in all of them
+
+
+def by_machine(known: Sequence[Value]) -> dict[str, list[Value]]:
+    """Return the values of each machine, the machine of the first value first."""
+    every: dict[str, list[Value]] = {}
+    for own in known:
+        every.setdefault(own.machine, []).append(own)
+    return every
+
+
+def machine_mean(known: Sequence[Value]) -> MachineMean:
+    """Return the mean of the recordings of a machine."""
+    value, error, scatter = np.array([own[2:] for own in known]).T
+    weight = error**-2 / np.sum(error**-2)
+    return MachineMean(
+        float(weight @ value),
+        float(np.linalg.norm(weight * scatter)),
+        float(weight @ np.sqrt(error**2 - scatter**2)),
+    )
+
+
+def _shared(name: str, known: Sequence[Value]) -> Shared:
+    every = by_machine(known)
+    means = {machine: machine_mean(several) for machine, several in every.items()}
+    square = sum(((own.value - means[own.machine].value) / own.error) ** 2 for own in known)
     machines, recordings = len(every), len(known)
-    fit = _Fit(np.array(values), np.array(variances))
+    fit = _Fit(
+        np.array([own.value for own in means.values()]),
+        np.array([own.scatter**2 + own.repeated**2 for own in means.values()]),
+    )
     spread = fit.spread()
     mean, error = fit.mean(spread)
     few = machines < SPREAD_FEWEST

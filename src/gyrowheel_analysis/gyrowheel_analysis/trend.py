@@ -3,6 +3,10 @@
 A quantity is judged twice: machine by machine, and recording by recording after the mean of the machine is subtracted.
 What machines or days differ by in any case sets the limits, estimated from the differences of neighbours in time. A
 slow change hardly enlarges those, and a single jump not at all.
+
+A value is what the recordings say without its prior, which would draw those with large errors to the stated value: to
+begin another plan would then be a step. The part of an error that is the same in all recordings of a machine is not in
+what they differ by.
 """
 
 from __future__ import annotations
@@ -17,9 +21,10 @@ from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
 from gyrowheel_analysis.criteria import TREND_CHANCE, TREND_FEWEST, TREND_SMOOTHING
-from gyrowheel_analysis.machines import Shared, shared
+from gyrowheel_analysis.machines import Shared, Value, by_machine, machine_mean, shared, values
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
 Over = Literal["machines", "recordings"]
 Change = Literal["outlier", "step", "drift"]
 
@@ -28,6 +33,7 @@ _MEDIAN_SQUARE = 0.4549
 #: Differences of neighbours that count as one independent square in their median.
 _PER_DEGREE = 3.0
 _ROUNDING = 1.0e-12  # of the size; values that scatter by less are the same
+_NEW = 1.0e-6  # of an error at least is new in every recording
 
 
 @dataclass(frozen=True)
@@ -67,9 +73,14 @@ class Series:
     time : ndarray (n,)
         Start of the recording, of a machine that of its first one [s since 1970]; ascending.
     machines, recordings : tuple of str
-        Machine and recording of each value.
-    value, standard_error : ndarray (n,)
-        Values with the standard errors that their fits state [SI].
+        Machine and recording of each value; a recording that names no machine is one, with an empty name.
+    value : ndarray (n,)
+        Values without their priors [SI].
+    standard_error : ndarray (n,)
+        What their fits state of their errors; of a recording only the part that is new in it.
+    repeated : ndarray (n,)
+        Standard error by constants that are not as stated, which all recordings of a machine have in common, and all
+        machines where a constant is wrong for all.
     """
 
     name: str
@@ -79,6 +90,7 @@ class Series:
     recordings: tuple[str, ...]
     value: Array
     standard_error: Array
+    repeated: Array
 
 
 @dataclass(frozen=True)
@@ -113,12 +125,14 @@ class Trend:
     """All quantities over time.
 
     `courses` has those that left their limits first, the least likely by chance in front; `few` are the quantities that
-    too few recordings have. `shared` is what the machines share in each quantity, whatever the time.
+    too few recordings have. `shared` is what the machines share in each quantity, whatever the time. `versions` is the
+    number of versions of the code that diagnosed the recordings.
     """
 
     courses: tuple[Course, ...]
     few: tuple[str, ...]
     shared: tuple[Shared, ...] = ()
+    versions: int = 1
 
     @property
     def departed(self) -> tuple[Course, ...]:
@@ -145,70 +159,72 @@ def trend(rows: Sequence[Mapping[str, Any]]) -> Trend:
     Parameters
     ----------
     rows : sequence of mapping
-        Rows with ``recording``, ``machine``, ``start`` [s since 1970] and, for every quantity, ``NAME`` and
-        ``NAME.error``; rows without a start are left out. For further columns of `shared` see there.
+        Rows with ``recording``, ``start`` [s since 1970], ``version`` if known, and the columns of `shared`; those
+        without a start are left out of the limits.
     """
     dated = sorted((row for row in rows if row.get("start") is not None), key=lambda row: float(row["start"]))
-    names = dict.fromkeys(
-        name.removesuffix(".error") for row in dated for name in row if name.endswith(".error")
-    )
-    found = [
-        series for name in names for series in _series(name, [row for row in dated if _known(row, name)])
-    ]
-    few = names.keys() - {series.name for series in found}
+    known = values(dated)
+    found = [series for name, own in known.items() for series in _series(name, own, dated)]
+    few = known.keys() - {series.name for series in found}
     courses = [_judged(series, tests=len(found)) for series in found]
     order = {course.name: k for k, course in reversed(list(enumerate(courses)))}
     courses.sort(key=lambda c: (c.departure is None, c.departure.chance if c.departure else order[c.name]))
-    return Trend(tuple(courses), tuple(name for name in names if name in few), shared(rows))
+    versions = len({row.get("version") for row in rows})
+    return Trend(tuple(courses), tuple(name for name in known if name in few), shared(rows), versions)
 
 
-def _known(row: Mapping[str, Any], name: str) -> bool:
-    value, error = row.get(name), row.get(f"{name}.error")
-    if value is None or error is None:
-        return False
-    return math.isfinite(value) and math.isfinite(error) and error > 0.0
-
-
-def _series(name: str, rows: Sequence[Mapping[str, Any]]) -> Iterator[Series]:
+def _series(name: str, known: Sequence[Value], rows: Sequence[Mapping[str, Any]]) -> Iterator[Series]:
     """Yield a quantity over the machines, and over the recordings of each, where there are enough."""
-    value, error, time = (
-        np.array([float(row[column]) for row in rows]) for column in (name, f"{name}.error", "start")
+    every = by_machine(known)
+    if len(every) >= TREND_FEWEST:
+        first = _when([own[0] for own in every.values()], rows)
+        value, scatter, repeated = np.array([machine_mean(own) for own in every.values()]).T
+        yield Series(name, "machines", *first, value, np.hypot(scatter, repeated), repeated)
+    if len(known) - len(every) >= TREND_FEWEST:
+        kept = [own for own in known if len(every[own.machine]) > 1]
+        value, error, scatter = np.array([own[2:] for own in kept]).T
+        scatter = np.maximum(scatter, _NEW * error)
+        within = _about_mean(value, scatter**-2, _numbers([own.machine for own in kept]))
+        together = float(np.average(value, weights=scatter**-2))
+        repeated = np.sqrt(error**2 - scatter**2)
+        yield Series(name, "recordings", *_when(kept, rows), within + together, scatter, repeated)
+
+
+def _when(
+    known: Sequence[Value], rows: Sequence[Mapping[str, Any]]
+) -> tuple[Array, tuple[str, ...], tuple[str, ...]]:
+    """Return times, machines and recordings of some values."""
+    own = [rows[value.row] for value in known]
+    return (
+        np.array([float(row["start"]) for row in own]),
+        tuple(str(row.get("machine") or "") for row in own),
+        tuple(str(row.get("recording") or "") for row in own),
     )
-    machines = [str(row.get("machine") or "") for row in rows]
-    recordings = [str(row.get("recording") or "") for row in rows]
-    places = {
-        machine: np.flatnonzero([m == machine for m in machines]) for machine in dict.fromkeys(machines)
-    }
-    means = {m: float(np.average(value[at], weights=error[at] ** -2)) for m, at in places.items()}
-    if len(places) >= TREND_FEWEST:
-        first = [at[0] for at in places.values()]
-        yield Series(
-            name, "machines", time[first], tuple(places), tuple(recordings[k] for k in first),
-            np.array(list(means.values())), np.array([np.sum(error[at] ** -2) ** -0.5 for at in places.values()]),
-        )  # fmt: skip
-    if len(rows) - len(places) >= TREND_FEWEST:
-        together = float(np.average(value, weights=error**-2))
-        within = value - np.array([means[m] for m in machines]) + together
-        kept = [k for k, machine in enumerate(machines) if len(places[machine]) > 1]
-        yield Series(
-            name, "recordings", time[kept], tuple(machines[k] for k in kept),
-            tuple(recordings[k] for k in kept), within[kept], error[kept],
-        )  # fmt: skip
+
+
+def _numbers(names: Sequence[str]) -> Numbers:
+    """Return names as numbers from 0 on."""
+    return np.unique(names, return_inverse=True)[1]
+
+
+def _about_mean(value: Array, weight: Array, group: Numbers) -> Array:
+    """Return values about the weighted mean of their group."""
+    mean: Array = np.bincount(group, weight * value) / np.bincount(group, weight)
+    return value - mean[group]
 
 
 def _judged(series: Series, tests: int) -> Course:
     """Return a series with its limits; `tests` is the number of series that are judged."""
     value, n = series.value, len(series.value)
-    deviation = _usual(value, series.standard_error)
-    degrees = max((n - 1) / _PER_DEGREE, 2.0)
-    weight = deviation**-2
-    centre = float(np.average(value, weights=weight))
+    usual = _usual(series)
+    centre = float(np.average(value, weights=usual.weight))
     # a value each, a step before each but the first, and a drift
     places = 2.0 * n * tests
-    limit = float(-stdtrit(degrees, 0.5 * TREND_CHANCE / places))
-    candidates = [_outlier(value, deviation), _step(value, weight), _drift(series.time, value, weight)]
+    limit = float(-stdtrit(usual.degrees, 0.5 * TREND_CHANCE / places))
+    candidates = [usual.outlier(value), usual.step(value), usual.drift(value, series.time)]
     kind, first, size, error = max(candidates, key=lambda candidate: abs(candidate[2]) / candidate[3])
-    chance = min(2.0 * float(stdtr(degrees, -abs(size) / error)) * places, 1.0)
+    chance = min(2.0 * float(stdtr(usual.degrees, -abs(size) / error)) * places, 1.0)
+    deviation = usual.weight**-0.5
     departure = None
     if abs(size) > limit * error:
         if kind == "drift":
@@ -217,57 +233,115 @@ def _judged(series: Series, tests: int) -> Course:
     return Course(**vars(series), centre=centre, deviation=deviation, limit=limit, departure=departure)
 
 
-def _usual(value: Array, error: Array) -> Array:
-    """Return the usual standard deviation of every value: its error, and what neighbours in time differ by beyond it.
-
-    Where they differ by less than their errors, which then have a part in common, the errors count in proportion.
-    """
-    square, expected = np.diff(value) ** 2, error[1:] ** 2 + error[:-1] ** 2
-    ratio = float(np.median(square / expected)) / _MEDIAN_SQUARE
-    least = _ROUNDING * float(np.abs(value).max(initial=0.0))
-    if ratio <= 1.0:
-        return np.maximum(error * math.sqrt(ratio), least + math.ulp(0.0) ** 0.5)
-    low, high = 0.0, float(square.max())
-    for _ in range(60):  # the spread for which the median of the squares is as expected
-        middle = 0.5 * (low + high)
-        more = float(np.median(square / (expected + 2.0 * middle))) > _MEDIAN_SQUARE
-        low, high = (middle, high) if more else (low, middle)
-    return np.sqrt(error**2 + high)
-
-
 _Candidate = tuple[Change, int, float, float]
 
 
-def _outlier(value: Array, deviation: Array) -> _Candidate:
-    """Return the value that is farthest from the mean of all others."""
-    weight = deviation**-2
-    total = weight.sum()
-    others = (np.sum(weight * value) - weight * value) / (total - weight)
-    error = np.sqrt(deviation**2 + 1.0 / (total - weight))
-    k = int(np.argmax(np.abs(value - others) / error))
-    return "outlier", k, float(value[k] - others[k]), float(error[k])
+@dataclass(frozen=True)
+class _Usual:
+    """How values differ where nothing changes, and the clearest changes beyond.
+
+    Attributes
+    ----------
+    weight : ndarray (n,)
+        Inverse variances.
+    group : ndarray (n,)
+        Values with the same number have a mean of their own.
+    tilt : ndarray (n,)
+        What one standard deviation of an error that the values of a group have in common does to each, about its mean.
+    degrees : float
+        Degrees of freedom of the variances.
+    """
+
+    weight: Array
+    group: Numbers
+    tilt: Array
+    degrees: float
+
+    def off(self, value: Array) -> Array:
+        """Return values about the mean of their group, without the likeliest size of the error in common."""
+        about = _about_mean(value, self.weight, self.group)
+        return about - self.tilt * self._sum(self.weight * self.tilt * about) / self._known
+
+    def outlier(self, value: Array) -> _Candidate:
+        """Return the value that is farthest from the mean of all others."""
+        weight, lever = self.weight, self.weight * self.tilt
+        square = weight - weight**2 / self._sum(weight) - lever**2 / self._known
+        return _clearest("outlier", 0, weight * self.off(value), square, weight)
+
+    def step(self, value: Array) -> _Candidate:
+        """Return the step between two means that is clearest; at least two values are on either side."""
+        weight, lever = self.weight, self.weight * self.tilt
+        square = np.cumsum(
+            weight
+            - weight * (2.0 * self._before(weight) + weight) / self._sum(weight)
+            - lever * (2.0 * self._before(lever) + lever) / self._known
+        )
+        return _clearest("step", 2, -np.cumsum(weight * self.off(value))[1:-2], square[1:-2], weight)
+
+    def drift(self, value: Array, time: Array) -> _Candidate:
+        """Return the straight line over time, as its growth from the first to the last value."""
+        span = float(np.ptp(time))
+        where = (time - time[0]) / span if span > 0.0 else np.linspace(0.0, 1.0, len(time))
+        weighed = self.weight * self.off(where)
+        return _clearest("drift", 0, np.array([weighed @ value]), np.array([weighed @ where]), self.weight)
+
+    @property
+    def _known(self) -> Array:
+        """The inverse variance of the size of the error in common, by the values and as stated."""
+        return 1.0 + self._sum(self.weight * self.tilt**2)
+
+    def _sum(self, value: Array) -> Array:
+        """Return the sum over the group of each value."""
+        return np.asarray(np.bincount(self.group, value)[self.group], dtype=float)
+
+    def _before(self, value: Array) -> Array:
+        """Return the sum of the values before each in its group."""
+        order = np.argsort(self.group, kind="stable")
+        total = np.bincount(self.group, value)
+        result = np.empty_like(value)
+        result[order] = np.cumsum(value[order]) - value[order] - (np.cumsum(total) - total)[self.group[order]]
+        return result
 
 
-def _step(value: Array, weight: Array) -> _Candidate:
-    """Return the step between two means that is clearest; at least two values are on either side."""
-    before, total = weight.cumsum()[1:-2], weight.sum()
-    mean = (weight * value).cumsum()[1:-2] / before
-    after = total - before
-    later = (np.sum(weight * value) - mean * before) / after
-    error = np.sqrt(1.0 / before + 1.0 / after)
-    k = int(np.argmax(np.abs(later - mean) / error))
-    return "step", k + 2, float(later[k] - mean[k]), float(error[k])
+def _clearest(kind: Change, first: int, slope: Array, square: Array, weight: Array) -> _Candidate:
+    """Return the clearest of several changes with normal equations ``square * size = slope``; `first` is the first.
+
+    The values do not determine a step between the recordings of one machine and those of the next.
+    """
+    determined = square > _ROUNDING * weight.sum()
+    square = np.where(determined, square, 1.0)
+    size = np.where(determined, slope / square, 0.0)
+    k = int(np.argmax(np.abs(size) * np.sqrt(square)))
+    return kind, first + k, float(size[k]), float(square[k] ** -0.5)
 
 
-def _drift(time: Array, value: Array, weight: Array) -> _Candidate:
-    """Return the straight line over time, as its growth from the first to the last value."""
-    span = float(np.ptp(time))
-    where = (time - time[0]) / span if span > 0.0 else np.linspace(0.0, 1.0, len(time))
-    off = where - np.average(where, weights=weight)
-    square = float(np.sum(weight * off**2))
-    if square == 0.0:
-        return "drift", 0, 0.0, 1.0
-    return "drift", 0, float(np.sum(weight * off * value)) / square, square**-0.5
+def _usual(series: Series) -> _Usual:
+    """Return the usual variances: those of the errors, and what neighbours in time differ by beyond them."""
+    value, error = series.value, series.standard_error
+    group = _numbers(series.machines) if series.over == "recordings" else np.zeros(len(value), dtype=np.intp)
+    beside = group[1:] == group[:-1]
+
+    def expected(variance: Array) -> Array:
+        """Return the expected squares of the differences of neighbours."""
+        about = variance - (1.0 / np.bincount(group, 1.0 / variance))[group]
+        return np.where(beside, variance[1:] + variance[:-1], about[1:] + about[:-1])
+
+    def more(spread: float) -> bool:
+        """Return whether neighbours differ by more than by their errors and this variance."""
+        variance = error**2 + spread
+        square = np.diff(_about_mean(value, 1.0 / variance, group)) ** 2
+        return float(np.median(square / expected(variance))) > _MEDIAN_SQUARE
+
+    low, high = 0.0, float(np.ptp(value)) ** 2 / _MEDIAN_SQUARE if more(0.0) else 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if more(middle) else (low, middle)
+    variance = error**2 + high
+    weight = 1.0 / variance
+    # Satterthwaite: how well the differences determine a variance that all have, and how much a mean depends on it
+    known = float(np.sum((2.0 / expected(variance)) ** 2)) / _PER_DEGREE
+    degrees = known * (np.sum(weight) / float(weight @ weight)) ** 2
+    return _Usual(weight, group, _about_mean(series.repeated, weight, group), max(float(degrees), 2.0))
 
 
 def _left(value: Array, deviation: Array, limit: float) -> int:
