@@ -8,6 +8,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import pyarrow
+import pyarrow.csv
 import pytest
 
 import gyrowheel as gw
@@ -131,6 +133,47 @@ def test_a_changed_recording_or_model_is_diagnosed_again_and_an_interruption_kee
     assert calls == [str(runs / "monday/first")]
     # rows of recordings elsewhere stay
     assert len(other.rows) == 3
+
+
+@pytest.mark.parametrize("versionless", [False, True])
+def test_rows_of_another_version_are_diagnosed_again(
+    runs: Path,
+    wheel: Wheel,
+    versionless: bool,
+    tmp_path: Path,
+    gyrowheel: Shell,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also those of the first tables, which had no version."""
+    table, calls = tmp_path / "results.csv", []
+
+    def made_up(_: object, item: tuple[str, str], scratch: str | None = None) -> dict[str, Any]:
+        calls.append(item[0])
+        own = {"recording": item[0], "key": item[1], "verdict": "unknown", "error": ""}
+        return dict.fromkeys(api.COLUMNS) | own
+
+    monkeypatch.setattr(api, "diagnosed", made_up)
+    options = ("batch", runs, "--model", wheel.model, "-o", table, "--jobs", "1")
+    assert "another version" not in gyrowheel.good(*options).err
+    rows = api.read_rows(table)
+    assert len(rows) == 3
+    assert {row["version"] for row in rows} == {api._version()}
+    elsewhere = rows[0] | {"recording": "elsewhere", "key": "0", "version": "0.0.1"}
+    rows = [elsewhere, *(row | {"version": "0.0.1"} for row in rows[:2]), rows[2]]
+    if versionless:
+        columns = api.columns_of(rows)
+        del columns["version"]
+        pyarrow.csv.write_csv(pyarrow.table(columns), table)
+    else:
+        api.write_rows(table, rows)
+    calls.clear()
+    shown = gyrowheel.good(*options).err
+    assert len(calls) == (3 if versionless else 2)
+    assert f"{len(calls)} of {table} were of another version: diagnosed again" in shown
+    found = {row["recording"]: row["version"] for row in api.read_rows(table)}
+    assert len(found) == 4
+    assert found.pop("elsewhere") == (None if versionless else "0.0.1")
+    assert set(found.values()) == {api._version()}
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,9 @@ def test_nothing_is_named_where_nothing_changes(rows: list[api.Row]) -> None:
     found = gw.trend(gw.Batch(tuple(quiet)))
     assert found.headline() == "2 quantities, all within their control limits"
     assert "No quantity left its control limits." in str(found)
+    assert "versions" not in str(found)
+    mixed = gw.trend(gw.Batch(tuple(row | {"version": str(k % 2)} for k, row in enumerate(quiet))))
+    assert "The recordings were diagnosed by 2 versions" in " ".join(str(mixed).split())
 
 
 def test_a_few_machines_without_dates_have_a_mean_and_a_spread(
@@ -73,7 +76,7 @@ def test_a_few_machines_without_dates_have_a_mean_and_a_spread(
     api.write_rows(Path("few.parquet"), [{**row, "start": None} for row in rows[:3]])
     shown = gyrowheel.good("trend", "few.parquet").out
     assert "Too few dated recordings for control limits." in shown
-    assert "windage.w 0.001020 ± 0.000012" in " ".join(shown.split())
+    assert "windage.w mN·m 1.020 ± 0.012" in " ".join(shown.split())
     assert "Machines differ in no quantity" in shown
     refused = gyrowheel("trend", "few.parquet", "--picture", "trend.png")
     assert (refused.code, refused.err) == (

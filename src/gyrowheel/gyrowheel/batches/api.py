@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from gyrowheel.batches.workers import check_jobs, cores, finished
 from gyrowheel.models.api import Model
 from gyrowheel.show.result import Result
+from gyrowheel.simulation.code_identity import code_identity
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.files import json_text, new_file, read_errors
 
@@ -28,6 +29,7 @@ Row = dict[str, Any]
 COLUMNS = (
     "recording",
     "key",
+    "version",
     "machine",
     "start",
     "duration",
@@ -41,7 +43,7 @@ COLUMNS = (
     "seconds",
 )
 ENDINGS = (".parquet", ".csv")
-_TEXTS = ("recording", "key", "machine", "verdict", "summary", "effects", "error")
+_TEXTS = ("recording", "key", "version", "machine", "verdict", "summary", "effects", "error")
 _WRITTEN_EVERY = 2.0  # s; rows of a shorter time are written together
 _METADATA = "metadata.yaml"
 _STORAGES = (".mcap", ".db3")
@@ -58,15 +60,18 @@ class Batch(Result):
         that was found, and the same of every fitted bench parameter [SI]; as ``.data``, ``.data_error`` and
         ``.data_scatter`` what the recording alone says of it, without its prior, and how that would scatter between
         recordings of the same machine. ``error`` is the reason why a recording could not be diagnosed, or empty;
-        ``key`` identifies recording and model.
+        ``key`` identifies recording and model, ``version`` the code and libraries that diagnosed it.
     kept : int
         Number of rows that the file had already.
+    outdated : int
+        Number of rows that it had of another version; their recordings are diagnosed again.
     interrupted : bool
         Whether Ctrl-C ended the batch before all recordings were diagnosed.
     """
 
     rows: tuple[Row, ...]
     kept: int = 0
+    outdated: int = 0
     interrupted: bool = False
 
     def headline(self) -> str:
@@ -108,7 +113,7 @@ def batch(
         The model.
     output : str or Path, optional
         Table that is written as the diagnoses end, ``.parquet`` or ``.csv``. Recordings that it has already, unchanged
-        and with the same model, are not diagnosed again.
+        and by the same version with the same model, are not diagnosed again.
     jobs : int, optional
         Recordings at a time; one per core if not given.
     dask : str, optional
@@ -135,7 +140,9 @@ def batch(
     content = hashlib.sha256(json_text(model.to_dict()).encode()).hexdigest()
     keys = {path: _key(path, content) for path in paths}
     known = {row["key"]: row for row in ([] if table is None else read_rows(table))}
-    done = {path: known[key] for path, key in keys.items() if key in known}
+    version = _version()
+    there = {path: known[key] for path, key in keys.items() if key in known}
+    done = {path: row for path, row in there.items() if row["version"] == version}
     given = {_written(str(path)) for path in paths}
     others = [row for row in known.values() if row["recording"] not in given]
     kept, interrupted, written = len(done), False, time.monotonic()
@@ -148,7 +155,7 @@ def batch(
         left = [(str(path), keys[path]) for path in paths if path not in done]
         with finished(call, left, jobs=jobs, dask=dask) as results:
             for row in results:
-                done[Path(row["recording"])] = row
+                done[Path(row["recording"])] = row | {"version": version}
                 if table is not None and time.monotonic() - written > _WRITTEN_EVERY:
                     write_rows(table, rows())
                     written = time.monotonic()
@@ -161,7 +168,7 @@ def batch(
     finally:
         if table is not None and len(done) > kept:
             write_rows(table, rows())
-    return Batch(tuple(rows()), kept, interrupted)
+    return Batch(tuple(rows()), kept, len(there) - kept, interrupted)
 
 
 def recordings_below(folders: Sequence[str | Path]) -> list[Path]:
@@ -194,6 +201,14 @@ def _key(path: Path, model: str) -> str:
         state = file.stat()
         digest.update(os.fsencode(file.name) + f" {state.st_size} {state.st_mtime_ns}\n".encode())
     return digest.hexdigest()[:16]
+
+
+def _version() -> str:
+    """Return the version of the project, and a digest of everything that a diagnosis depends on."""
+    identity = code_identity()
+    return (
+        f"{identity['gyrowheel'].split()[0]} {hashlib.sha256(json_text(identity).encode()).hexdigest()[:12]}"
+    )
 
 
 def diagnosed(model: Any, item: tuple[str, str], scratch: str | None = None) -> Row:
@@ -277,10 +292,11 @@ def read_rows(table: Path) -> list[Row]:
                 found = pyarrow.csv.read_csv(opened, convert_options=texts)
         except pyarrow.ArrowInvalid as error:
             raise InputError(f"{table}: not a table of a batch ({one_line(error)})") from None
-    if missing := [name for name in COLUMNS if name not in found.column_names]:
+    # the first tables had no version
+    if missing := [name for name in COLUMNS if name not in (*found.column_names, "version")]:
         raise InputError(f"{table}: not a table of a batch: it has no column {missing[0]}")
     rows = [{n: v for n, v in row.items() if v is not None or n in COLUMNS} for row in found.to_pylist()]
-    return [row | {"error": row["error"] or ""} for row in rows]
+    return [row | {"error": row["error"] or "", "version": row.get("version")} for row in rows]
 
 
 def write_rows(table: Path, rows: Sequence[Row]) -> None:

@@ -48,6 +48,8 @@ def batch(
     result = run(folders, Model.load(model), output, jobs=jobs, dask=dask, progress=progress)
     if result.kept:
         say.print(f"{result.kept} of {len(result.rows)} were in {output} already", soft_wrap=True)
+    if result.outdated:
+        say.print(f"{result.outdated} of {output} were of another version: diagnosed again", soft_wrap=True)
     put(result, json)
     say.print(f"table: {output}", soft_wrap=True)
     if result.interrupted:

@@ -11,7 +11,10 @@ from rich.text import Text
 
 from gyrowheel.show.layout import figures_table, heading, indented, sentences, words_table
 from gyrowheel_analysis.trend import Change, Course, Trend
-from gyrowheel_core.quantities import pair, short
+from gyrowheel_core.quantities import fixed, pair, short
+from gyrowheel_core.units import Unit, unit_for
+from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.effects import registry
 
 _KINDS: dict[Change, str] = {"outlier": "one value", "step": "a step", "drift": "a drift"}
 _LISTED = 20
@@ -42,13 +45,22 @@ def _since(course: Course) -> str:
     """Return the first day, and the machine or the recording, at which a course left its limits."""
     assert course.departure is not None
     first = course.departure.first
-    own = course.machines[first] if course.over == "machines" else course.recordings[first]
+    machine = course.machines[first] if course.over == "machines" else ""
+    own = f"machine {machine}" if machine else f"recording {course.recordings[first]}"
     word = "on" if course.departure.kind == "outlier" else "from"
-    return f"{word} {day(float(course.time[first]))}, {course.over[:-1]} {own}"
+    return f"{word} {day(float(course.time[first]))}, {own}"
 
 
 def trend_page(result: Trend) -> Iterator[RenderableType]:
     """Yield what left its limits, the usual spread of every quantity, and what machines share."""
+    if result.versions > 1:
+        yield from sentences(
+            [
+                f"The recordings were diagnosed by {result.versions} versions, which may differ in what a value means. "
+                "The verb batch with the folders of all diagnoses the older ones again."
+            ]
+        )
+        yield Text()
     if result.courses:
         yield from _courses(result)
     else:
@@ -63,17 +75,16 @@ def _courses(result: Trend) -> Iterator[RenderableType]:
         yield from sentences(_departed(course) for course in result.departed)
     else:
         yield Text("No quantity left its control limits.")
-    yield Text()
-    yield heading("Within the control limits" if result.departed else "Quantities, SI units")
-    table = words_table("quantity", "over", "values", "mean", "usual spread", whole=(0,))
-    for column in table.columns[2:]:
+    yield heading("Within the control limits" if result.departed else "Quantities")
+    table = words_table("quantity", "over", "values", "unit", "mean", "usual spread", whole=(0, 3))
+    for column in (table.columns[2], *table.columns[4:]):
         column.justify = "right"
     inside = [course for course in result.courses if course.departure is None]
     for course in inside[:_LISTED]:
         spread = math.sqrt(sum(course.deviation**2) / len(course.value))
-        table.add_row(
-            course.name, course.over, str(len(course.value)), short(course.centre), short(spread, 2)
-        )
+        unit = unit_of(course.name, max(abs(course.centre), spread))
+        mean, _, own = pair(course.centre / unit.size, spread / unit.size).partition(" ± ")
+        table.add_row(course.name, course.over, str(len(course.value)), unit.label, mean, own)
     yield indented(table)
     left = []
     if len(inside) > _LISTED:
@@ -85,13 +96,15 @@ def _courses(result: Trend) -> Iterator[RenderableType]:
 
 def _shared(result: Trend) -> Iterator[RenderableType]:
     """Yield the mean of all machines and the spread between them, of every quantity."""
-    yield Text()
-    yield heading("What machines share, SI units")
-    table = figures_table("quantity", "mean of machines", "spread", "from", "to", "machines")
+    yield heading("What machines share")
+    table = figures_table("quantity", "unit", "mean of machines", "spread", "from", "to", "machines")
+    table.columns[1].justify = "left"
     for own in result.shared[:_LISTED]:
+        unit = unit_of(own.name, max(abs(own.mean), own.standard_error))
         spread = () if own.spread is None or own.interval is None else (own.spread, *own.interval)
-        cells = [short(value, 2) for value in spread] or ["", "", ""]
-        table.add_row(own.name, pair(own.mean, own.standard_error), *cells, str(own.machines))
+        cells = [fixed(value / unit.size, 2) for value in spread] or ["", "", ""]
+        mean = pair(own.mean / unit.size, own.standard_error / unit.size)
+        table.add_row(own.name, unit.label, mean, *cells, str(own.machines))
     yield indented(table)
     every, differing = len(result.shared), len(result.differing)
     notes = []
@@ -110,11 +123,22 @@ def _shared(result: Trend) -> Iterator[RenderableType]:
     yield from sentences(notes)
 
 
+def unit_of(name: str, size: float) -> Unit:
+    """Return the unit in which people read a quantity; that of a user's effect, which no table has, is the SI unit."""
+    effect, _, key = name.partition(".")
+    known, bench = registry().get(effect), Bench.load().parameters
+    units = {c.name: c.unit for c in known.coefficients} if known else {}
+    own = units.get(key) if key else bench[effect].unit if effect in bench else None
+    return Unit("SI unit", 1.0) if own is None else unit_for(size, own, pure=True)
+
+
 def _departed(course: Course) -> str:
     """Return how a course left its limits as a sentence."""
     left = course.departure
     assert left is not None
-    size = pair(left.size, left.standard_error)
+    unit = unit_of(course.name, max(abs(course.centre), abs(left.size)))
+    size = " ".join(f"({pair(left.size / unit.size, left.standard_error / unit.size)}) {unit.label}".split())
+    mean = " ".join(f"{short(course.centre / unit.size)} {unit.label}".split())
     what = {
         "outlier": f"{size} from the mean of all others",
         "step": f"by {size}",
@@ -122,6 +146,6 @@ def _departed(course: Course) -> str:
     }[left.kind]
     chance = "less than 1 in a million" if left.chance < 1e-6 else f"{left.chance:.1g}"
     return (
-        f"{course.name} over the {course.over}: {_KINDS[left.kind]} {what} (mean {short(course.centre)}, SI units), "
+        f"{course.name} over the {course.over}: {_KINDS[left.kind]} {what} (mean {mean}), "
         f"{_since(course)}; probability by chance {chance}."
     )

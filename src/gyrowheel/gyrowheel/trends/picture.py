@@ -17,11 +17,8 @@ from gyrowheel.show.figure import (
     letters_in,
     shared_legend,
 )
-from gyrowheel.trends.page import day, summary
+from gyrowheel.trends.page import day, summary, unit_of
 from gyrowheel_analysis.trend import Course, Trend
-from gyrowheel_core.units import Unit, unit_for
-from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.effects import registry
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +53,7 @@ def figure_of_trend(result: Trend) -> Figure:
 def _course(axes: Axes, course: Course) -> None:
     begin = float(course.time[0])
     days = (course.time - begin) / _DAY
-    unit = _unit(course)
+    unit = unit_of(course.name, abs(course.centre))
     low, high = (end / unit.size for end in course.limits)
     value = course.value / unit.size
     axes.fill_between(days, low, high, color=FAINT, label="control limits", zorder=1)
@@ -82,12 +79,3 @@ def _course(axes: Axes, course: Course) -> None:
     axes.set_xlabel(f"days since {day(begin)}", fontsize=9)
     axes.set_ylabel(unit.label or "1", fontsize=9)
     add_grid(axes)
-
-
-def _unit(course: Course) -> Unit:
-    """Return the unit of a quantity; that of a user's effect, which no table has, is the SI unit."""
-    effect, _, key = course.name.partition(".")
-    known, bench = registry().get(effect), Bench.load().parameters
-    units = {c.name: c.unit for c in known.coefficients} if known else {}
-    own = units.get(key) if key else bench[effect].unit if effect in bench else None
-    return Unit("SI unit", 1.0) if own is None else unit_for(abs(course.centre), own, pure=True)
