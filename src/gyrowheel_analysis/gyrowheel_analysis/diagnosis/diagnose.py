@@ -480,10 +480,8 @@ def nuisance_estimates(problem: Problem, fit: Fit) -> dict[str, NuisanceEstimate
         for p in parameters:
             along = np.zeros(len(fit.covariance))
             along[index] = p.uncertainty
-            value, found = (
-                values[p.name],
-                False,
-            )  # the errors of parameters are in the values, effects are not
+            # the errors of parameters are in the values, effects are not
+            value, found = values[p.name], False
             for term in fit.terms:
                 null = problem.unknowns.null(term)
                 for name, size in _of_parameter(term, group, p, fit).items():
