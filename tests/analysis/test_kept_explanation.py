@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -47,12 +48,9 @@ def unused(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    place = tmp_path / "cache"
-    monkeypatch.setenv(cache.VARIABLE, str(place))
-    monkeypatch.setattr(kept_explanation, "_WORTH", 0.0)  # of a short recording, too
-    yield place
-    cache._folder.cache_clear()
+def _kept(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep everything, also what is found quickly, as in a short recording."""
+    monkeypatch.setattr(kept_explanation, "_WORTH", 0.0)
 
 
 @pytest.fixture
@@ -173,11 +171,11 @@ def test_another_question_is_searched_again(
 
 
 def test_damaged_entries_are_searched_again(
-    recording: Recording, folder: Path, unsearched: list[int]
+    recording: Recording, cache_folder: Path, unsearched: list[int]
 ) -> None:
     prepared = prepare([recording], Model(BENCH))
     explanation_of(prepared, [recording])
-    (entry,) = (place for place in folder.iterdir() if place.name.startswith("explanation_"))
+    (entry,) = (place for place in cache_folder.iterdir() if place.name.startswith("explanation_"))
     whole = entry.read_bytes()
     for damaged in (b"", whole[:-1], whole[:40] + bytes([whole[40] ^ 1]) + whole[41:]):
         entry.write_bytes(damaged)
@@ -190,9 +188,20 @@ def test_damaged_entries_are_searched_again(
     assert found.problem is prepared.problem
 
 
-def test_entries_are_kept_up_to_a_size_in_all(folder: Path) -> None:
+def test_a_model_with_an_effect_that_cannot_be_written_is_searched_each_time(
+    recording: Recording, unsearched: list[int]
+) -> None:
+    """An effect of another package may have parts that pickle refuses."""
+    law = replace(typed_effect("pulled: -k*conj(z)^2*r; k = 0.04 [N*m]"), look_alikes=MappingProxyType({}))
+    model = Model(BENCH, effects={"pulled": {"k": 1e-5}}, declared={"pulled": law})
+    for count in (1, 2):
+        explanation_of(prepare([recording], model), [recording])
+        assert len(unsearched) == count
+
+
+def test_entries_are_kept_up_to_a_size_in_all(cache_folder: Path) -> None:
     for k in range(5):
         cache.write(f"explanation_{k}", bytes(1000))
-        os.utime(folder / f"explanation_{k}", (k, k))
+        os.utime(cache_folder / f"explanation_{k}", (k, k))
     cache.keep_latest("explanation_", 4, 3000)
-    assert sorted(place.name for place in folder.iterdir()) == ["explanation_3", "explanation_4"]
+    assert sorted(place.name for place in cache_folder.iterdir()) == ["explanation_3", "explanation_4"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,14 +30,6 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    place = tmp_path / "cache"
-    monkeypatch.setenv(cache.VARIABLE, str(place))
-    yield place
-    cache._folder.cache_clear()
-
-
-@pytest.fixture
 def reductions(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Return the numbers of samples of all recordings that are reduced from now on."""
     found: list[int] = []
@@ -59,7 +50,9 @@ def rows(prepared: Prepared) -> bytes:
     return b"".join(part.tobytes() for part in parts) + repr((prepared.coverage, prepared.shown)).encode()
 
 
-def test_the_same_samples_are_reduced_once(recording: Recording, folder: Path, reductions: list[int]) -> None:
+def test_the_same_samples_are_reduced_once(
+    recording: Recording, cache_folder: Path, reductions: list[int]
+) -> None:
     first = rows(prepare([recording], Model(BENCH)))
     copy = replace(recording, measurement=recording.measurement.copy(), path=Path("elsewhere"))
     assert rows(prepare([copy], Model(BENCH))) == first
@@ -67,7 +60,7 @@ def test_the_same_samples_are_reduced_once(recording: Recording, folder: Path, r
 
 
 def test_other_samples_parts_and_benches_are_reduced_again(
-    recording: Recording, folder: Path, reductions: list[int]
+    recording: Recording, cache_folder: Path, reductions: list[int]
 ) -> None:
     prepare([recording], Model(BENCH))
     samples = recording.measurement.copy()
@@ -85,9 +78,11 @@ def test_other_samples_parts_and_benches_are_reduced_again(
     assert len(reductions) == len(others) + 2
 
 
-def test_damaged_entries_are_made_again(recording: Recording, folder: Path, reductions: list[int]) -> None:
+def test_damaged_entries_are_made_again(
+    recording: Recording, cache_folder: Path, reductions: list[int]
+) -> None:
     first = rows(prepare([recording], Model(BENCH)))
-    (entry,) = (place for place in folder.iterdir() if place.name.startswith("windows_"))
+    (entry,) = (place for place in cache_folder.iterdir() if place.name.startswith("windows_"))
     whole = entry.read_bytes()
     for damaged in (b"", whole[:-1], whole[:40] + bytes([whole[40] ^ 1]) + whole[41:]):
         entry.write_bytes(damaged)
@@ -98,18 +93,18 @@ def test_damaged_entries_are_made_again(recording: Recording, folder: Path, redu
     assert len(reductions) == 5
 
 
-def test_the_latest_entries_are_kept(folder: Path) -> None:
+def test_the_latest_entries_are_kept(cache_folder: Path) -> None:
     for k in range(5):
         cache.write(f"windows_{k}", b"")
-        (folder / f"windows_{k}").touch()
-        os.utime(folder / f"windows_{k}", (k, k))
+        (cache_folder / f"windows_{k}").touch()
+        os.utime(cache_folder / f"windows_{k}", (k, k))
     cache.write("other_0", b"")
     cache.keep_latest("windows_", 2)
-    assert sorted(place.name for place in folder.iterdir()) == ["other_0", "windows_3", "windows_4"]
+    assert sorted(place.name for place in cache_folder.iterdir()) == ["other_0", "windows_3", "windows_4"]
 
 
 def test_a_right_setup_is_checked_once_and_a_wrong_one_always(
-    recording: Recording, folder: Path, monkeypatch: pytest.MonkeyPatch
+    recording: Recording, cache_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judged: list[Path] = []
     judge = find._judged

@@ -27,7 +27,7 @@ from gyrowheel_analysis.criteria import SPREAD_FEWEST
 Array = NDArray[np.float64]
 
 _OUTSIDE = 0.025  # probability beyond either end of an interval
-_ROUNDING = 1.0e-9  # gain of twice the log likelihood, below which a spread is none
+_ROUNDING = 1.0e-9  # least gain in twice the log likelihood for which a spread is stated
 _SMALLEST = 0.01  # of the smallest error; by less, machines do not differ
 _LARGEST = 1.0e60  # of a value, and of the inverse of an error: their squares, multiplied, do not overflow
 

@@ -246,31 +246,32 @@ class _Usual:
         Inverse variances.
     group : ndarray (n,)
         Values with the same number have a mean of their own.
-    tilt : ndarray (n,)
-        What one standard deviation of an error that the values of a group have in common does to each, about its mean.
+    common : ndarray (n,)
+        Change of each value, about the mean of its group, by one standard deviation of the error that the values of a
+        group have in common.
     degrees : float
         Degrees of freedom of the variances.
     """
 
     weight: Array
     group: Numbers
-    tilt: Array
+    common: Array
     degrees: float
 
     def off(self, value: Array) -> Array:
         """Return values about the mean of their group, without the likeliest size of the error in common."""
         about = _about_mean(value, self.weight, self.group)
-        return about - self.tilt * self._sum(self.weight * self.tilt * about) / self._known
+        return about - self.common * self._sum(self.weight * self.common * about) / self._known
 
     def outlier(self, value: Array) -> _Candidate:
         """Return the value that is farthest from the mean of all others."""
-        weight, lever = self.weight, self.weight * self.tilt
+        weight, lever = self.weight, self.weight * self.common
         square = weight - weight**2 / self._sum(weight) - lever**2 / self._known
         return _clearest("outlier", 0, weight * self.off(value), square, weight)
 
     def step(self, value: Array) -> _Candidate:
         """Return the step between two means that is clearest; at least two values are on either side."""
-        weight, lever = self.weight, self.weight * self.tilt
+        weight, lever = self.weight, self.weight * self.common
         square = np.cumsum(
             weight
             - weight * (2.0 * self._before(weight) + weight) / self._sum(weight)
@@ -288,7 +289,7 @@ class _Usual:
     @property
     def _known(self) -> Array:
         """The inverse variance of the size of the error in common, by the values and as stated."""
-        return 1.0 + self._sum(self.weight * self.tilt**2)
+        return 1.0 + self._sum(self.weight * self.common**2)
 
     def _sum(self, value: Array) -> Array:
         """Return the sum over the group of each value."""
@@ -319,12 +320,12 @@ def _usual(series: Series) -> _Usual:
     """Return the usual variances: those of the errors, and what neighbours in time differ by beyond them."""
     value, error = series.value, series.standard_error
     group = _numbers(series.machines) if series.over == "recordings" else np.zeros(len(value), dtype=np.intp)
-    beside = group[1:] == group[:-1]
+    together = group[1:] == group[:-1]
 
     def expected(variance: Array) -> Array:
         """Return the expected squares of the differences of neighbours."""
         about = variance - (1.0 / np.bincount(group, 1.0 / variance))[group]
-        return np.where(beside, variance[1:] + variance[:-1], about[1:] + about[:-1])
+        return np.where(together, variance[1:] + variance[:-1], about[1:] + about[:-1])
 
     def more(spread: float) -> bool:
         """Return whether neighbours differ by more than by their errors and this variance."""

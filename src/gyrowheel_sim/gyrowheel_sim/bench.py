@@ -117,6 +117,11 @@ class Bench:
             raise InputError(f"{origin}: parameters.spin_rate_minimum: must be below spin_rate_maximum")
         return bench
 
+    @property
+    def stated(self) -> tuple[object, ...]:
+        """Name, spin loop, gains and parameters: all of its file on which results depend."""
+        return self.name, self.spin_loop, self.gains, *self.parameters.values()
+
     def value(self, name: str) -> float:
         """Return the value of one parameter [SI]."""
         return self.parameters[name].value

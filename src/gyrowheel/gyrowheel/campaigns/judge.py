@@ -259,7 +259,7 @@ def _parameters(case: Case, secret: Secret, answer: Diagnosis) -> list[Interval]
     """Return fitted and true bench parameters.
 
     A wrong instrument changes the true value of its parameter. A parameter that a finding or its ties change is left
-    out: one of them may have what another one is.
+    out: where they are tied, its deviation may be in that of another one.
     """
     stated, known = case.campaign.bench, registry()
     truth = {name: secret.scenario.values.get(name, stated.value(name)) for name in answer.nuisance}

@@ -18,6 +18,7 @@ from gyrowheel_analysis.diagnosis.findings import EffectFinding
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import ERRORS, Fit, Unknowns, candidate_terms
+from gyrowheel_analysis.fitting.kept_windows import CODE
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.preparation import Progress, prepare
 from gyrowheel_analysis.fitting.problem import Problem
@@ -117,7 +118,7 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
     bench, unknowns = problem.bench, problem.unknowns
     asked = _Asked(
         name,
-        (bench.name, bench.spin_loop, bench.gains, *bench.parameters.values()),
+        bench.stated,
         all(b.harmonics for b in problem.balances),
         frozenset[str]().union(*(b.absent for b in problem.balances)),
         tuple({name: part for b in problem.balances for name, part in b.assumed.items()}.items()),
@@ -133,8 +134,7 @@ def planned(problem: Problem, name: str) -> tuple[Problem, float] | None:
     return kept.for_unknowns(unknowns).with_scales(problem.noise.scales), minutes
 
 
-#: Packages on which the prediction of a plan depends, and what the user's cache has of a plan.
-_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_analysis")
+#: What the user's cache has of a plan.
 _OF_WINDOWS = tuple(own.name for own in fields(Windows))
 _ARRAYS = {"rows", "jacobian", "minutes", *_OF_WINDOWS}
 
@@ -147,7 +147,7 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
     """
     unknowns, bench = asked.unknowns, asked.unknowns.bench
     given = (asked.plan, asked.stated, asked.harmonics, sorted(asked.absent), asked.assumed, asked.wider)
-    name = f"plan_{cache.digest(cache.files_of(*_CODE), np.__version__, repr(given))}"
+    name = f"plan_{cache.digest(cache.files_of(*CODE), np.__version__, repr(given))}"
     kept = kept_arrays.read(name)
     if kept is None or kept.keys() != _ARRAYS:
         try:
@@ -161,11 +161,11 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
         windows, bench, harmonics=asked.harmonics, absent=asked.absent, assumed=dict(asked.assumed)
     )
     prediction = Prediction([balance], unknowns)
-    if unknowns.known or unknowns.declared:
-        pass  # whose part in it differs from model to model
-    elif kept is not None:
+    # the part of effects of the model differs from model to model
+    plain = not (unknowns.known or unknowns.declared)
+    if plain and kept is not None:
         prediction = prediction.known_as_stated(kept["rows"], kept["jacobian"])
-    else:
+    elif plain:
         rows, jacobian = prediction.as_stated
         own_windows = {own: getattr(windows, own) for own in _OF_WINDOWS}
         kept_arrays.write(name, rows=rows, jacobian=jacobian, minutes=np.array(minutes), **own_windows)

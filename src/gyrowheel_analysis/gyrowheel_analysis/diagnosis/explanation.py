@@ -38,8 +38,8 @@ class Explanation:
 
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
     `weighed_by` is the fit whose machine the noise is of, None for that of the bench as stated. `rejected` are terms
-    that were found and make the prediction of unused data worse. `laws` look like events and are none, and nothing that
-    was found describes them.
+    that were found and make the prediction of unused data worse. `laws` are functions of the motion
+    that look like events, and that nothing found describes.
     """
 
     fitted: Prepared

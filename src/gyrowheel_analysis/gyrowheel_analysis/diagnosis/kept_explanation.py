@@ -15,14 +15,15 @@ import pickle
 import time
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-import scipy
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.diagnosis.explanation import Explanation, explained
 from gyrowheel_analysis.fitting.fit import Unknowns
+from gyrowheel_analysis.fitting.kept_windows import CODE, UNREADABLE
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress
 from gyrowheel_analysis.fitting.problem import Problem
@@ -32,8 +33,8 @@ from gyrowheel_sim.effects.library import LIBRARY
 
 _PREFIX = "explanation_"
 _MOST, _BYTES = 60, 1 << 30  # entries, and their total size; one of an hour may have 200 MB
+_LIBRARIES = ("numba", "numpy", "scipy", "sympy")
 _WORTH = 0.5  # s of search, from which on it is kept
-_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_recording", "gyrowheel_analysis")
 
 
 def explanation_of(
@@ -42,19 +43,19 @@ def explanation_of(
     """Return the explanation of prepared recordings, from the cache if it was found before; see `explained`."""
     # recordings for validation decide nothing of it
     first = dataclasses.replace(prepared, validation=None)
-    name = _PREFIX + _key(first, recordings)
+    try:
+        name = _PREFIX + _key(first, recordings)
+    except UNREADABLE:  # an effect of another package, for example
+        return explained(first, recordings, progress).validated_by(prepared.validation)
     if (content := cache.read(name)) is not None:
-        # of classes that another version has elsewhere
-        with contextlib.suppress(
-            pickle.UnpicklingError, ImportError, AttributeError, TypeError, EOFError, LookupError
-        ):
+        with contextlib.suppress(*UNREADABLE):
             found, columns = _Reader(content, first).load()
             first.problem.prediction.know(columns)
             return found.validated_by(prepared.validation)
     began = time.monotonic()
     found = explained(first, recordings, progress)
     if time.monotonic() - began > _WORTH:
-        with contextlib.suppress(pickle.PicklingError):
+        with contextlib.suppress(*UNREADABLE):
             cache.write(name, _Writer(first).dumped((found, first.problem.prediction.known)))
             cache.keep_latest(_PREFIX, _MOST, _BYTES)
     return found.validated_by(prepared.validation)
@@ -63,13 +64,13 @@ def explanation_of(
 def _key(first: Prepared, recordings: Sequence[Recording]) -> str:
     """Return a short name of all that decides an explanation."""
     unknowns, bench = first.problem.unknowns, first.problem.bench
-    stated = (bench.name, bench.sample_period, bench.spin_loop, bench.gains, *bench.parameters.values())
     own = {effect.name for effect in LIBRARY} - unknowns.declared.keys()
     foreign = {name: effect for name, effect in unknowns.library.items() if name not in own}
     about: list[Any] = [
-        stated, unknowns.known, unknowns.known_errors, unknowns.assumed, sorted(foreign), first.problem.noise.scales,
+        bench.stated, unknowns.known, unknowns.known_errors, unknowns.assumed, sorted(foreign),
+        first.problem.noise.scales,
     ]  # fmt: skip
-    parts = [cache.files_of(*_CODE), np.__version__, scipy.__version__]
+    parts = [cache.files_of(*CODE), *map(version, _LIBRARIES)]
     parts += [recording.content for recording in recordings]
     for balance in first.problem.balances:
         about.append((balance.harmonics, sorted(balance.absent), balance.assumed, balance.phase_error))

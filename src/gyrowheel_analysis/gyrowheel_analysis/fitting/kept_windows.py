@@ -22,7 +22,10 @@ from gyrowheel_sim.bench import Bench
 
 _PREFIX = "windows_"
 _MOST = 200  # entries; one of an hour has some megabytes
-_CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_recording", "gyrowheel_analysis")
+#: Packages on which every kept result depends.
+CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_recording", "gyrowheel_analysis")
+#: Errors of what cannot be pickled, or was pickled by a version that has its classes elsewhere.
+UNREADABLE = (pickle.PickleError, ImportError, AttributeError, TypeError, EOFError, LookupError)
 
 
 class Reduced(NamedTuple):
@@ -35,11 +38,11 @@ class Reduced(NamedTuple):
 
 def reduced(recording: Recording, samples: Samples, bench: Bench) -> Reduced:
     """Return a reduced recording, from the cache if it was reduced before; `samples` are its columns."""
-    stated = (bench.name, bench.sample_period, bench.spin_loop, bench.gains, *bench.parameters.values())
-    name = _PREFIX + cache.digest(cache.files_of(*_CODE), np.__version__, recording.content, repr(stated))
+    name = _PREFIX + cache.digest(
+        cache.files_of(*CODE), np.__version__, recording.content, repr(bench.stated)
+    )
     if (kept := cache.read(name)) is not None:
-        # of classes that another version has elsewhere
-        with contextlib.suppress(pickle.UnpicklingError, ImportError, AttributeError, TypeError, EOFError):
+        with contextlib.suppress(*UNREADABLE):
             return Reduced(*pickle.loads(kept))
     windows, coverage = reduce_and_account(samples, bench)
     found = Reduced(windows, coverage, look(samples, windows, bench))

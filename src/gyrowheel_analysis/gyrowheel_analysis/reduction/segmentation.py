@@ -301,7 +301,7 @@ def _window(
     end: float,
     cone_speed: float | None,
 ) -> tuple[dict[str, Any] | None, tuple[float, float], str]:
-    """Return the window between two times, its own times, and the reason if there is none (empty: too few samples).
+    """Return the window between two times, its start and end, and why there is no window (empty: too few samples).
 
     The window of a hold that has not settled starts later, and one in whose last samples the next motion begins, as by
     setpoints of another clock, ends earlier. That of a cone cannot; it must have reached `cone_speed`.

@@ -231,11 +231,9 @@ def wrong_setups(recordings: Sequence[Recording], bench: Bench, *, mixed: bool =
     InputError
         If the samples of a recording are too far apart for any judgement.
     """
-    stated = (bench.name, bench.sample_period, *bench.parameters.values())
     contents = [recording.content for recording in recordings]
-    name = (
-        f"setups_{cache.digest(cache.files_of(*_CODE), np.__version__, str(mixed), repr(stated), *contents)}"
-    )
+    about = (cache.files_of(*_CODE), np.__version__, str(mixed), repr(bench.stated))
+    name = f"setups_{cache.digest(*about, *contents)}"
     if cache.read(name) == _RIGHT:
         return []
     found, averaged = [], []
