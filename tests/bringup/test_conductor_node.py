@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -20,10 +21,10 @@ from sensor_msgs.msg import JointState
 
 from gyrowheel_bringup.graph.plan_client import PlanRequest, run_plan
 from gyrowheel_bringup.graph.results import GraphError
-from gyrowheel_control.plans.plan import Plan
+from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
 from gyrowheel_core import topics, wire
 from gyrowheel_core.node import requests
-from gyrowheel_core.units import RPM
+from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.environment import from_json, to_json
 
 from .helpers import LONG_PLAN, PATIENCE, SHORT_PLAN, Bystander, NodeProcess, end_process
@@ -128,6 +129,34 @@ def test_conductor_walks_holds_and_refuses(bystander: Bystander, start_node: Sta
     bystander.spin_until(future.done)
     assert "the conductor was stopped" in future.result().result.message
     assert conductor.process.wait(PATIENCE) == 0
+
+
+def test_a_plan_that_starts_where_a_tilt_is_held_moves_from_there(bystander: Bystander, start_node: Start):
+    start_node("conductor", lead=LEAD_NS * 1e-9)
+    client = Client(bystander)
+    goal = client.ask(SHORT_PLAN)
+    bystander.spin_until(lambda: client.setpoints)
+    end = round(Plan.load(SHORT_PLAN).duration * 1e9)
+    client.move_clock(0, end)
+    assert client.result(goal).success
+    bystander.spin_until(lambda: client.setpoints[-1][0] == end + LEAD_NS - 5_000_000)
+    held = client.setpoints[-1]
+    assert abs(complex(held[3], held[4])) > 0.5 * DEG
+
+    client.ask(LONG_PLAN)
+    client.move_clock(end, end + 600_000_000)
+    after = [s for s in client.setpoints if s[0] >= held[0]]
+    assert after[-1][2:] == (HOLD, 0.0, 0.0, 0.0, 0.0, pytest.approx(2000.0 * RPM), 0.0)
+    tilts = [complex(s[3], s[4]) for s in after]
+    steps = [abs(b - a) for a, b in pairwise(tilts)]
+    assert max(steps) <= 8.0 * DEG * SETPOINT_PERIOD * (1.0 + 1e-9)  # the rate of the plan
+    speeds = [s[7] for s in after]
+    steps = [abs(b - a) for a, b in pairwise(speeds)]
+    assert max(steps) <= 1000.0 * RPM * SETPOINT_PERIOD * (1.0 + 1e-9)
+    # what a message says of its rates is how the next one differs
+    for now, then in pairwise(after):
+        if now[2] == RAMP and then[2] == RAMP:
+            assert then[3] - now[3] == pytest.approx(now[5] * SETPOINT_PERIOD, abs=1e-12)
 
 
 def test_a_plan_ends_where_the_time_stands_or_jumps_and_its_setpoint_is_held(

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from gyrowheel_control.plans import demands
-from gyrowheel_control.plans.adaptation import adapted, plan_for, plan_template
+from gyrowheel_control.plans.adaptation import adapted, plan_for, plan_from_hold, plan_template
 from gyrowheel_control.plans.format import Block, PlanFile, json_schema
 from gyrowheel_control.plans.inspection import inspect
 from gyrowheel_control.plans.plan import Plan
@@ -244,3 +244,35 @@ def test_the_schema_accepts_and_refuses_the_same_plans_as_the_program() -> None:
     assert {"name", "", "segments.0", "segments.3.rig", "segments.3.hold_s", "segments.3.cone_turns"} <= found
     hold = schema["definitions"]["Block"]["properties"]["hold_s"]
     assert hold["description"].startswith("[s] ")
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_a_plan_from_a_held_state_differs_in_its_first_ramp_alone(name: str) -> None:
+    plan = plan_for(name, DEFAULT)
+    tilt, spin = complex(0.04, -0.05), 0.9 * DEFAULT.value("spin_rate_maximum")
+    begun = plan_from_hold(plan, DEFAULT, tilt, spin)
+    first, before = begun.segments[0], plan.segments[0]
+    assert (first.tilt_from, first.spin_from) == (tilt, spin)
+    assert (first.tilt, first.spin, first.hold) == (before.tilt, before.spin, before.hold)
+    longer = first.ramp - before.ramp
+    assert begun.duration == pytest.approx(plan.duration + longer)
+    assert [s.start - longer for s in begun.segments[1:]] == pytest.approx(
+        [s.start for s in plan.segments[1:]]
+    )
+    assert [s.tilt for s in begun.segments] == [s.tilt for s in plan.segments]
+    row = begun.setpoints()[0]
+    assert (row["tilt_x"], row["tilt_y"], row["spin_rate"]) == (tilt.real, tilt.imag, spin)
+    same = plan_from_hold(plan, DEFAULT, before.tilt_from, before.spin_from)
+    assert same.segments == plan.segments
+
+
+@pytest.mark.parametrize("bench", [DEFAULT, DTG, *OTHERS.values()], ids=["default", "dtg", *OTHERS])
+def test_the_ramp_from_a_held_state_is_one_that_the_bench_can_follow(bench: Bench) -> None:
+    """Also where the plan states the time of its first ramp, which is for its own start."""
+    survey = plan_for("survey", bench)
+    speeds, tilts = {s.spin for s in survey.segments}, [s.tilt for s in survey.segments]
+    sudden = f"{{spin_rpm: {min(speeds) / RPM:.9g}, tilt_deg: [0, 0], ramp_s: 0.05}}"
+    short = Plan.load(f"schema: 1\nname: short\nsegments:\n  - {sudden}\n")
+    for plan in (survey, plan_for(short, bench)):
+        begun = plan_from_hold(plan, bench, max(tilts, key=abs), max(speeds))
+        assert not list(demands.excesses(begun.segments[:1], bench))

@@ -45,7 +45,7 @@ def tilt_limit(bench: Bench, wanted: float, where: str) -> float:
 
 
 def plan_tilt_limit(plan: Plan, bench: Bench, usual: float) -> float:
-    """Return the tilt limit under which a plan runs [rad]: the usual one, or what the plan asks for.
+    """Return the tilt limit under which a plan runs [rad]: the usual one, what the plan asks for, or where it begins.
 
     Parameters
     ----------
@@ -73,7 +73,8 @@ def plan_tilt_limit(plan: Plan, bench: Bench, usual: float) -> float:
                 f"{where}: tilt {tilt / DEG:.2f} deg is beyond the tilt limit of {limit / DEG:.2f} deg; "
                 f"a plan that needs more says so by tilt_limit_deg, up to {largest / DEG:.2f}"
             )
-    return limit
+    # a plan before may have ended beyond it, and is held there
+    return max(limit, min(abs(plan.segments[0].tilt_from), largest_tilt_limit(bench)))
 
 
 class SetpointGuard:

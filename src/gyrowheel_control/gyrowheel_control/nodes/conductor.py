@@ -6,6 +6,8 @@ of the samples, or of the less frequent joint states if the same node publishes 
 no samples, such as a simulation next to a bench in real time, is ignored. A plan starts at the time of its request,
 thus at 0 in a lock-step graph that has just started.
 
+A plan that starts where a setpoint is held begins with a ramp from there, whatever start it states.
+
 A plan ends early, with the reason, when the clock jumps or stands, when a node of the bench reports an error (such as
 a tripped guard), or when the wheel does not follow: whichever node controls it, the joint states, or the samples where
 there are none, show whether it reaches a constant setpoint (`Tracking`). The last setpoint is then held. If the
@@ -40,7 +42,7 @@ from gyrowheel_control.nodes.bench_exchange import (
     at_rest,
     final_hold,
 )
-from gyrowheel_control.plans.adaptation import plan_for
+from gyrowheel_control.plans.adaptation import plan_for, plan_from_hold
 from gyrowheel_control.plans.plan import RAMP, Plan
 from gyrowheel_core import namespaces, topics, wire
 from gyrowheel_core.errors import InputError
@@ -262,6 +264,10 @@ class ConductorNode(BenchNode):
         goal.execute()
         try:
             plan = plan_for(goal.request.plan, self._bench)
+            if self._held is not None:
+                at = {name: float(self._held[name][0]) for name in wire.SETPOINT.fields}
+                tilt = complex(at["tilt_x"], at["tilt_y"])
+                plan = plan_from_hold(plan, self._bench, tilt, at["spin_rate"])
             limit = plan_tilt_limit(plan, self._bench, self._tilt_limit)
             setpoints = plan.setpoints()
         except InputError as error:

@@ -51,6 +51,22 @@ def plan_for(source: str | Path | Plan, bench: Bench) -> Plan:
     return plan
 
 
+def plan_from_hold(plan: Plan, bench: Bench, tilt: complex, spin: float) -> Plan:
+    """Return a plan for a bench that is held at a state: a ramp that coils and motor can follow leads from there.
+
+    `tilt`: tilt angles phi_x + i phi_y that are held [rad]; `spin`: spin rate [rad/s]. Raises InputError if the plan
+    becomes too long.
+    """
+    begun = plan.beginning_at(tilt, spin)
+    first = begun.segments[0]
+    slew, acceleration = (
+        max(possible(bench, first, _SHARE), _SLOWEST)
+        for possible in (demands.possible_slew, demands.possible_acceleration)
+    )
+    least = max(abs(first.tilt - tilt) / slew, abs(first.spin - spin) / acceleration)
+    return begun if least <= first.ramp else plan.beginning_at(tilt, spin, least)
+
+
 def adapted(plan: Plan, bench: Bench) -> Plan:
     """Return a shipped plan with the speeds, tilts and rates of a bench; the plan itself where nothing changes.
 

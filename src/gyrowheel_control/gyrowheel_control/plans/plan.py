@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
 import functools
 import itertools
@@ -63,6 +64,7 @@ class Plan:
         self.tilt_limit = None if content.tilt_limit_deg is None else content.tilt_limit_deg * DEG
         self.written_for = ""
         self.fitting: tuple[str, ...] = ()
+        self._content = content
         self._text = text
         self.segments: tuple[Segment, ...] = tuple(_segments(content, origin))
 
@@ -110,6 +112,16 @@ class Plan:
         """Return the names of the plans that come with the project."""
         folder = resources.files("gyrowheel_control").joinpath("plans")
         return sorted(f.name.removesuffix(".yaml") for f in folder.iterdir() if f.name.endswith(".yaml"))
+
+    def beginning_at(self, tilt: complex, spin: float, ramp: float = 0.0) -> Plan:
+        """Return the plan for a bench that is held at a state: its first ramp begins there.
+
+        `tilt`: tilt angles phi_x + i phi_y [rad]; `spin`: spin rate [rad/s]; `ramp`: the least time of that ramp [s].
+        Raises InputError if the plan becomes too long.
+        """
+        plan = copy.copy(self)
+        plan.segments = tuple(_segments(self._content, self.origin, (tilt, spin, ramp)))
+        return plan
 
     @property
     def duration(self) -> float:
@@ -180,8 +192,12 @@ class Plan:
         return result
 
 
-def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
-    tilt, spin, time = complex(*content.start_tilt_deg) * DEG, math.nan, 0.0
+def _segments(
+    content: PlanFile, origin: str, start: tuple[complex, float, float] | None = None
+) -> Iterator[Segment]:
+    """Yield the segments; `start`: tilt [rad] and spin rate [rad/s] before them, and the least first ramp [s]."""
+    tilt, spin, least = start or (complex(*content.start_tilt_deg) * DEG, math.nan, 0.0)
+    time = 0.0
     environment = Environment()
     for index, block in enumerate(content.segments):
         where = f"{origin}: segments.{index}"
@@ -215,7 +231,10 @@ def _segments(content: PlanFile, origin: str) -> Iterator[Segment]:
                 start_spin = to if first else spin
                 slope = (block.tilt_rate_deg_s or content.tilt_rate_deg_s) * DEG
                 rise = (block.spin_acceleration_rpm_s or content.spin_acceleration_rpm_s) * RPM
-                ramp = block.ramp_s or max(abs(target - tilt) / slope, abs(to - start_spin) / rise, 0.05)
+                needed = max(abs(target - tilt) / slope, abs(to - start_spin) / rise, 0.05)
+                ramp = block.ramp_s or needed
+                if start is not None and time == 0.0:  # no plan knows how far it is
+                    ramp = max(ramp, needed, least)
                 ramp = _whole(ramp)
                 if block.cone_radius_deg is not None and block.cone_period_s is not None:
                     cone_rate = 2.0 * math.pi / block.cone_period_s
