@@ -43,7 +43,7 @@ from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import Effect, registry
 from gyrowheel_sim.effects.registry import for_bench
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 from gyrowheel_sim.plant.machine import Machine
 
 Array = NDArray[np.float64]

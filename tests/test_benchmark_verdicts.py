@@ -12,7 +12,7 @@ from scipy.signal import welch
 
 from benchmarks import verdicts
 from gyrowheel_core.errors import InputError
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 
 PERIOD = 5e-4  # s
 

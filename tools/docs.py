@@ -31,7 +31,7 @@ from gyrowheel.show.layout import plain_text
 from gyrowheel.show.sentences.diagnosis import ERROR_TITLES
 from gyrowheel_analysis.fitting.fit import ERRORS
 from gyrowheel_control.plans.adaptation import plan_template
-from gyrowheel_control.plans.format import Block, PlanFile
+from gyrowheel_control.plans.plan import Block, PlanFile
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import minus, quantity, span, with_error
 from gyrowheel_core.schema import Section, keys

@@ -44,7 +44,6 @@ HOUSE = (
                 "topics",
                 "processes",
                 "origin_guard",
-                "kept_arrays",
             ),
             ("namespaces", "surroundings"),
             ("start_node",),

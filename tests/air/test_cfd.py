@@ -14,8 +14,8 @@ import pytest
 
 from gyrowheel_air.cfd import openfoam
 from gyrowheel_air.cfd.case import RESULT, Result, finished, mesh_quality, run_case
+from gyrowheel_air.cfd.mesh import PolyMesh, read_field, write_field
 from gyrowheel_air.cfd.openfoam import average, read_history, read_log, read_moments
-from gyrowheel_air.cfd.polymesh import PolyMesh, read_field, write_field
 from gyrowheel_air.cfd.sweep import sweep
 from gyrowheel_air.torque import tilt_axes
 from gyrowheel_core.errors import InputError

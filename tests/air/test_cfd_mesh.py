@@ -12,8 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gyrowheel_air.cfd.mesh import MESHES, block_mesh_dict, both_sides, morph
-from gyrowheel_air.cfd.polymesh import PolyMesh, read_field, read_points, write_field, write_points
+from gyrowheel_air.cfd.mesh import (
+    MESHES,
+    PolyMesh,
+    block_mesh_dict,
+    both_sides,
+    morph,
+    read_field,
+    read_points,
+    write_field,
+    write_points,
+)
 from gyrowheel_air.torque import tilt_axes
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG

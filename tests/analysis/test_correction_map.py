@@ -24,7 +24,7 @@ from gyrowheel_recording.bags import Recording, write_run
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.torque_map import TorqueMap
 from gyrowheel_sim.environment import to_json
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 from gyrowheel_sim.plant.scenario import Scenario
 
 GRID = """

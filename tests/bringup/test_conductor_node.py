@@ -23,7 +23,7 @@ from gyrowheel_bringup.graph.plan_client import PlanRequest, run_plan
 from gyrowheel_bringup.graph.results import GraphError
 from gyrowheel_control.plans.plan import HOLD, RAMP, SETPOINT_PERIOD, Plan
 from gyrowheel_core import topics, wire
-from gyrowheel_core.node import requests
+from gyrowheel_core.node import endpoints
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.environment import from_json, to_json
 
@@ -215,7 +215,7 @@ raise SystemExit(main())
 def test_a_plan_is_walked_once_although_the_first_answer_to_it_is_lost(
     how: str, domain: int, bystander: Bystander, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(requests, "ASK_AGAIN", 0.5)
+    monkeypatch.setattr(endpoints, "ASK_AGAIN", 0.5)
     process = subprocess.Popen(
         [
             *(sys.executable, "-c", FORGETFUL, how),

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from gyrowheel_bringup.graph import GraphError, Progress, plan_client
 from gyrowheel_control.plans.plan import Plan
-from gyrowheel_core.node import requests
+from gyrowheel_core.node import endpoints
 
 DONE = SimpleNamespace(result=SimpleNamespace(success=True, message="plan check completed"))
 CANCELLED = SimpleNamespace(result=SimpleNamespace(success=False, message="cancelled"))
@@ -94,14 +94,14 @@ class Conductor:
 
 
 def test_an_answer_that_is_lost_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
+    monkeypatch.setattr(endpoints, "ASK_AGAIN", 0.0)
     conductor = Conductor(lost=2)
     assert conductor.run().success
     assert [answer.done() for answer in conductor.asked[:2]] == [False, False]
 
 
 def test_a_plan_whose_acceptance_is_lost_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
+    monkeypatch.setattr(endpoints, "ASK_AGAIN", 0.0)
     conductor = Conductor(unanswered=2)
     assert conductor.run().success
     assert conductor.requests == 3
@@ -124,7 +124,7 @@ def test_feedback_shows_that_a_plan_runs_although_its_acceptance_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """At a repeated request the conductor refuses the plan, since it runs it."""
-    monkeypatch.setattr(requests, "ASK_AGAIN", 0.0)
+    monkeypatch.setattr(endpoints, "ASK_AGAIN", 0.0)
     conductor = Conductor(unanswered=1, runs_unanswered=True)
     monkeypatch.setattr(conductor, "spin", with_late_feedback(conductor))
     assert conductor.run().success

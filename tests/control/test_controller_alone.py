@@ -10,7 +10,7 @@ import pytest
 from gyrowheel_control.loops.controller import Controller, controller_parameters, loop_code
 from gyrowheel_control.loops.kernel import ControllerState, SetpointColumn
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 
 
 @pytest.mark.parametrize("spin_loop", ["pi", "pll"])

@@ -12,9 +12,8 @@ import yaml
 
 from gyrowheel_control.plans import demands
 from gyrowheel_control.plans.adaptation import adapted, plan_for, plan_from_hold, plan_template
-from gyrowheel_control.plans.format import Block, PlanFile, json_schema
 from gyrowheel_control.plans.inspection import inspect
-from gyrowheel_control.plans.plan import Plan
+from gyrowheel_control.plans.plan import Block, Plan, PlanFile, json_schema
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.schema import keys
 from gyrowheel_core.units import DEG, RPM

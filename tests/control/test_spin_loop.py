@@ -13,7 +13,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import RPM
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 from gyrowheel_sim.parameter import default_text
 from gyrowheel_sim.plant.scenario import Scenario
 

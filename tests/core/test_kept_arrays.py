@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel_core import cache, kept_arrays
+from gyrowheel_core import cache
 
 
 @pytest.fixture
@@ -20,9 +20,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def test_arrays_come_back_as_they_were_kept(folder: Path) -> None:
     given = {"z": np.arange(6).reshape(2, 3) * 1j, "empty": np.zeros((0, 4)), "nan": np.array([np.nan, 1.0])}
-    assert kept_arrays.read("entry") is None
-    kept_arrays.write("entry", **given)
-    found = kept_arrays.read("entry")
+    assert cache.read_arrays("entry") is None
+    cache.write_arrays("entry", **given)
+    found = cache.read_arrays("entry")
     assert found is not None
     assert found.keys() == given.keys()
     for name, array in given.items():
@@ -33,9 +33,9 @@ def test_arrays_come_back_as_they_were_kept(folder: Path) -> None:
 def test_an_entry_that_is_no_arrays_is_missing(folder: Path) -> None:
     for content in (b"", b"text", b"PK\x03\x04 half an archive", b"\x93NUMPY"):
         cache.write("entry", content)
-        assert kept_arrays.read("entry") is None
-    kept_arrays.write("entry", objects=np.array([{}], dtype=object))  # would be unpickled
-    assert kept_arrays.read("entry") is None
+        assert cache.read_arrays("entry") is None
+    cache.write_arrays("entry", objects=np.array([{}], dtype=object))  # would be unpickled
+    assert cache.read_arrays("entry") is None
 
 
 def test_another_line_of_code_gives_another_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import gyrowheel as gw
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 from gyrowheel_sim.plant.machine import Plant
 from gyrowheel_sim.plant.scenario import Scenario
 

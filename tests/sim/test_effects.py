@@ -28,7 +28,7 @@ from gyrowheel_sim.effects.law_code import (
 from gyrowheel_sim.effects.quantities import REFERENCES, Omega
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.environment import RIGS, Environment
-from gyrowheel_sim.instruments.readings import N_NOISE
+from gyrowheel_sim.instruments import N_NOISE
 from gyrowheel_sim.plant.compiled import N_STATE, Further, State, Surroundings
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
 from gyrowheel_sim.plant.scenario import THREE_LOBED, Scenario

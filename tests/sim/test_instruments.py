@@ -19,8 +19,7 @@ from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments import held_response, smooth_response
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading, held_response, smooth_response
 from gyrowheel_sim.parameter import INSTRUMENTS
 from gyrowheel_sim.plant.machine import Plant
 from gyrowheel_sim.plant.scenario import Scenario

@@ -16,7 +16,7 @@ import gyrowheel_sim
 from gyrowheel_control.loops.kernel import CommandColumn, ControllerState, SetpointColumn
 from gyrowheel_core import wire
 from gyrowheel_sim.effects.targets import TARGETS, Entry, LawTarget, added, changed, entering
-from gyrowheel_sim.instruments.readings import DRIFT_SIZES, Column, Drift, Reading, names
+from gyrowheel_sim.instruments import DRIFT_SIZES, Column, Drift, Reading, names
 from gyrowheel_sim.plant.compiled import State, Surroundings
 
 from .helpers import BENCH
@@ -135,7 +135,7 @@ from gyrowheel_core.readings import Readings
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects import get, registry
 from gyrowheel_sim.effects.user_defined_line import typed_effect
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 from gyrowheel_sim.plant.scenario import Scenario
 from tools.docs import effect_page, index_page, tables
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_air.cfd.case import Result, last_time
-from gyrowheel_air.cfd.polymesh import PolyMesh, read_field
+from gyrowheel_air.cfd.mesh import PolyMesh, read_field
 from gyrowheel_air.table import collect_results
 from gyrowheel_core.files import write_bytes
 from gyrowheel_core.units import DEG, RPM

@@ -10,6 +10,7 @@ import contextlib
 import functools
 import hashlib
 import importlib.util
+import io
 import math
 import os
 import re
@@ -17,7 +18,12 @@ import secrets
 import stat
 import tempfile
 import time
+import zipfile
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 #: Environment variable that names the folder.
 VARIABLE = "GYROWHEEL_CACHE"
@@ -167,3 +173,26 @@ def _sweep(place: Path) -> None:
 
 def _checksum(name: str, content: bytes) -> bytes:
     return _DIGEST(name.encode() + b"\0" + content).digest()
+
+
+def read_arrays(name: str) -> dict[str, NDArray[Any]] | None:
+    """Return the arrays of an entry by name; None if it is missing or damaged, see `read`."""
+    import numpy as np
+
+    content = read(name)
+    if content is None or not zipfile.is_zipfile(file := io.BytesIO(content)):
+        return None
+    try:
+        with np.load(file, allow_pickle=False) as found:
+            return dict(found)
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
+
+
+def write_arrays(name: str, **arrays: Any) -> None:
+    """Keep arrays by name, see `write`."""
+    import numpy as np
+
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    write(name, file.getvalue())

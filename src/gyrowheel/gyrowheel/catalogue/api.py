@@ -234,7 +234,7 @@ def new_plan(file: str | Path, bench: str | Path | Bench = "gyrowheel") -> None:
 
 def plan_schema() -> dict[str, Any]:
     """Return the JSON schema of plan files, with which editors complete and check them."""
-    from gyrowheel_control.plans.format import json_schema
+    from gyrowheel_control.plans.plan import json_schema
 
     return json_schema()
 

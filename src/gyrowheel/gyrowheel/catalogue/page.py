@@ -312,7 +312,7 @@ def reach_page(found: Reach) -> Iterator[RenderableType]:
 def reach_sentences(found: Reach) -> Iterator[str]:
     """Yield sentences about the limits of a bench, and about the part of its range that it cannot reach."""
     from gyrowheel_control.plans.demands import COIL_SHARE
-    from gyrowheel_control.plans.format import PlanFile
+    from gyrowheel_control.plans.plan import PlanFile
 
     v, top = found.bench.value, found.speeds[-1]
     yield (

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from gyrowheel_control.loops.supervision import usual_tilt_limit
 from gyrowheel_control.plans.demands import USUAL_SHARE
-from gyrowheel_control.plans.variation import as_text
+from gyrowheel_control.plans.plan import as_text
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench

@@ -19,8 +19,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyrowheel_air.cfd import dictionaries, openfoam, polymesh
-from gyrowheel_air.cfd.mesh import MESHES, block_mesh_dict, check_tilt, get_mesh, morph
+from gyrowheel_air.cfd import openfoam
+from gyrowheel_air.cfd.mesh import (
+    MESHES,
+    PolyMesh,
+    block_mesh_dict,
+    check_tilt,
+    get_mesh,
+    morph,
+    read_field,
+    read_patch,
+    read_points,
+    write_field,
+    write_points,
+)
 from gyrowheel_air.cfd.openfoam import Torque, average, read_history, read_log
 from gyrowheel_air.geometry import LENGTHS, Geometry
 from gyrowheel_air.torque import AirState, tilt_axes
@@ -109,8 +121,8 @@ class Case:
         """
         get_mesh(self.mesh)
         check_tilt(geometry, self.tilt)
-        if self.model not in dictionaries.MODELS:
-            raise InputError(f"model: {self.model!r} is not known; allowed: {', '.join(dictionaries.MODELS)}")
+        if self.model not in openfoam.MODELS:
+            raise InputError(f"model: {self.model!r} is not known; allowed: {', '.join(openfoam.MODELS)}")
         for name, value, low, high in (
             ("speed", self.spin_rate / RPM, 10.0, 20000.0),
             ("iterations", self.iterations, 2, 100000),
@@ -237,14 +249,14 @@ def make_mesh(case: Case, folder: Path) -> dict[str, Any]:
     resolution = MESHES[case.mesh]
     for name, text in (
         ("blockMeshDict", block_mesh_dict(geometry, resolution)),
-        ("controlDict", dictionaries.mesh_control_dict()),
-        ("fvSchemes", dictionaries.schemes()),
-        ("fvSolution", dictionaries.solution()),
+        ("controlDict", openfoam.mesh_control_dict()),
+        ("fvSchemes", openfoam.schemes()),
+        ("fvSolution", openfoam.solution()),
     ):
         (system / name).write_text(text, encoding="utf-8")
     openfoam.run(["blockMesh"], folder, folder / "log.blockMesh")
     points = folder / "constant" / "polyMesh" / "points"
-    polymesh.write_points(points, morph(polymesh.read_points(points), geometry, case.tilt, case.direction))
+    write_points(points, morph(read_points(points), geometry, case.tilt, case.direction))
     text = openfoam.run(["checkMesh"], folder, folder / "log.checkMesh")
     quality = mesh_quality(text)
     if not quality["ok"]:
@@ -343,7 +355,7 @@ def _go_on(case: Case, folder: Path, before: Result, advance: Advance) -> Result
         if int(path.name) > done or (path.parent != folder and int(path.name) == done):
             shutil.rmtree(path)
     write_json(folder / REQUEST, case.to_json())
-    text = dictionaries.control_dict(done, min(case.window, _STRETCH, goal - done), case.density)
+    text = openfoam.control_dict(done, min(case.window, _STRETCH, goal - done), case.density)
     (folder / "system" / "controlDict").write_text(text, encoding="utf-8")
     log = openfoam.run(
         ["simpleFoam"], folder, folder / _LOG, step=lambda i: advance(i / max(case.iterations, case.settle))
@@ -371,7 +383,7 @@ def collect(case: Case, folder: Path, provenance: dict[str, Any]) -> Result:
         | {
             "program": "OpenFOAM simpleFoam",
             "version": log.version,
-            "model": dictionaries.MODELS[case.model][0],
+            "model": openfoam.MODELS[case.model][0],
             "wall_functions": MESHES[case.mesh].wall_functions or case.model == "paper",
             "iterations": done,
             "residuals": log.residuals,
@@ -394,12 +406,12 @@ def wall_units(case: Case, folder: Path) -> dict[str, tuple[float, float]]:
     It comes from the computed wall stress. The function object of OpenFOAM of that name takes k instead, which is
     nearly zero where the cells resolve the wall layer.
     """
-    mesh = polymesh.PolyMesh.read(folder)
+    mesh = PolyMesh.read(folder)
     last = last_time(folder)
     result = {}
     for patch in ("rotor", "case"):
         faces = mesh.patches[patch]
-        stress = polymesh.read_patch(last / "wallShearStress", patch, faces.stop - faces.start)
+        stress = read_patch(last / "wallShearStress", patch, faces.stop - faces.start)
         speed = np.sqrt(np.linalg.norm(stress, axis=1))
         y = mesh.wall_distance(patch) * speed * case.density / case.viscosity
         area = np.linalg.norm(mesh.face_areas[faces], axis=1)
@@ -458,11 +470,11 @@ def _solve(case: Case, folder: Path, root: Path, *, first: Path | None, step: op
         mesh_place.symlink_to(os.path.relpath(target, mesh_place.parent))
     write_json(folder / REQUEST, case.to_json())
     for path, text in (
-        ("system/controlDict", dictionaries.control_dict(0, case.iterations, case.density)),
-        ("system/fvSchemes", dictionaries.schemes()),
-        ("system/fvSolution", dictionaries.solution()),
-        ("constant/transportProperties", dictionaries.transport(case.viscosity / case.density)),
-        ("constant/turbulenceProperties", dictionaries.turbulence(case.model)),
+        ("system/controlDict", openfoam.control_dict(0, case.iterations, case.density)),
+        ("system/fvSchemes", openfoam.schemes()),
+        ("system/fvSolution", openfoam.solution()),
+        ("constant/transportProperties", openfoam.transport(case.viscosity / case.density)),
+        ("constant/turbulenceProperties", openfoam.turbulence(case.model)),
     ):
         (folder / path).write_text(text, encoding="utf-8")
     _write_start(case, folder, first)
@@ -471,20 +483,20 @@ def _solve(case: Case, folder: Path, root: Path, *, first: Path | None, step: op
 
 def _write_start(case: Case, folder: Path, first: Path | None) -> None:
     """Write the first guess: of another case, scaled by the speeds, or of a solid body."""
-    mesh = polymesh.PolyMesh.read(folder)
+    mesh = PolyMesh.read(folder)
     values = _solid_body(case, mesh) if first is None else _scaled(case, first, mesh.cells)
     axis = " ".join(f"{v:.12g}" for v in case.axes[2])
     rotating = (
         f"type rotatingWallVelocity; origin (0 0 0); axis ({axis}); omega {case.spin_rate:.12g}; "
         "value uniform (0 0 0);"
     )
-    walls = dictionaries.wall_conditions(case.model, wall_functions=MESHES[case.mesh].wall_functions)
+    walls = openfoam.wall_conditions(case.model, wall_functions=MESHES[case.mesh].wall_functions)
     conditions = {name: {"rotor": text, "case": text} for name, text in walls.items()}
     conditions["U"] = {"rotor": rotating, "case": "type noSlip;"}
     conditions["p"] = dict.fromkeys(("rotor", "case"), "type zeroGradient;")
     for name, patches in conditions.items():
         path = folder / "0" / name
-        polymesh.write_field(path, name, _DIMENSIONS[name], values.get(name, 0.0), patches)
+        write_field(path, name, _DIMENSIONS[name], values.get(name, 0.0), patches)
 
 
 _DIMENSIONS = {
@@ -497,7 +509,7 @@ _DIMENSIONS = {
 }
 
 
-def _solid_body(case: Case, mesh: polymesh.PolyMesh) -> dict[str, Array]:
+def _solid_body(case: Case, mesh: PolyMesh) -> dict[str, Array]:
     """Return the first guess where there is no solution to start from."""
     velocity = np.cross(FIRST_SWIRL * case.spin_rate * case.axes[2], mesh.cell_centres)
     k = 1.5 * (0.05 * case.spin_rate * case.lengths[0]) ** 2
@@ -513,13 +525,13 @@ def _scaled(case: Case, first: Path, cells: int) -> dict[str, Array]:
     last = last_time(first)
     scale = case.spin_rate / source.spin_rate
     values = {
-        "U": scale * polymesh.read_field(last / "U", cells),
-        "p": scale**2 * polymesh.read_field(last / "p", cells),
+        "U": scale * read_field(last / "U", cells),
+        "p": scale**2 * read_field(last / "p", cells),
     }
-    theirs = dictionaries.MODELS[source.model][1]
+    theirs = openfoam.MODELS[source.model][1]
     if theirs is not None:
-        k = scale**2 * polymesh.read_field(last / "k", cells)
-        other = scale ** {"epsilon": 3, "omega": 1}[theirs] * polymesh.read_field(last / theirs, cells)
+        k = scale**2 * read_field(last / "k", cells)
+        other = scale ** {"epsilon": 3, "omega": 1}[theirs] * read_field(last / theirs, cells)
         dissipation = 0.09 * np.maximum(k, 1e-12)
         both = {theirs: other, "omega" if theirs == "epsilon" else "epsilon": other}
         if theirs == "epsilon":

@@ -27,9 +27,8 @@ from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_analysis.residuals.error_table import channel_values
 from gyrowheel_control.plans.adaptation import plan_for
-from gyrowheel_control.plans.plan import Plan
-from gyrowheel_control.plans.variation import MARK
-from gyrowheel_core import cache, kept_arrays
+from gyrowheel_control.plans.plan import MARK, Plan
+from gyrowheel_core import cache
 from gyrowheel_core.arrays import one_thread
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
@@ -72,7 +71,7 @@ class Separation:
     Attributes
     ----------
     plan : str
-        Name of the plan, with its variation if it has one (`gyrowheel_control.plans.variation`).
+        Name of the plan, with its variation if it has one (`gyrowheel_control.plans.plan`).
     expected : float
         Expected difference in chi-squared between the two, all else fitted.
     minutes : float
@@ -148,7 +147,7 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
     unknowns, bench = asked.unknowns, asked.unknowns.bench
     given = (asked.plan, asked.stated, asked.harmonics, sorted(asked.absent), asked.assumed, asked.wider)
     name = f"plan_{cache.digest(cache.files_of(*CODE), np.__version__, repr(given))}"
-    kept = kept_arrays.read(name)
+    kept = cache.read_arrays(name)
     if kept is None or kept.keys() != _ARRAYS:
         try:
             plan = plan_for(asked.plan, bench)
@@ -168,7 +167,7 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
     elif plain:
         rows, jacobian = prediction.as_stated
         own_windows = {own: getattr(windows, own) for own in _OF_WINDOWS}
-        kept_arrays.write(name, rows=rows, jacobian=jacobian, minutes=np.array(minutes), **own_windows)
+        cache.write_arrays(name, rows=rows, jacobian=jacobian, minutes=np.array(minutes), **own_windows)
     return Problem.predicted_by(prediction), minutes
 
 

@@ -17,7 +17,7 @@ from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 from gyrowheel_sim.plant.machine import Machine
 from gyrowheel_sim.plant.protection import STOP_SAMPLES
 from gyrowheel_sim.plant.scenario import Scenario
@@ -30,7 +30,7 @@ _CHUNK = 20000  # samples computed between two reports of progress
 class Run:
     """Result of a closed-loop run."""
 
-    #: Readings, columns `gyrowheel_sim.instruments.readings.Reading` [SI]; sample k is at k times the sample
+    #: Readings, columns `gyrowheel_sim.instruments.Reading` [SI]; sample k is at k times the sample
     #: period.
     measurement: NDArray[np.float64]
     #: Commands, columns `gyrowheel_control.loops.kernel.CommandColumn`; row k answers sample k [V].

@@ -17,7 +17,7 @@ from gyrowheel_control.loops.kernel import (
     SetpointColumn,
 )
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments.readings import Reading, source
+from gyrowheel_sim.instruments import Reading, source
 from gyrowheel_sim.jit import compile_source, kernel_text
 from gyrowheel_sim.parameter import Gains as Gains
 
@@ -114,7 +114,7 @@ class Controller:
     ) -> tuple[float, float, float]:
         """Return (coil voltage x, coil voltage y, motor voltage) [V] that answer one sample.
 
-        `measurement`: the sample (`gyrowheel_sim.instruments.readings.Reading`); `setpoint`: the setpoint
+        `measurement`: the sample (`gyrowheel_sim.instruments.Reading`); `setpoint`: the setpoint
         (`gyrowheel_control.loops.kernel.SetpointColumn`); `age_s`: time of the sample minus time of the
         setpoint [s]; the setpoint is continued by its rates.
         """

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from gyrowheel_sim.instruments.readings import Column
+from gyrowheel_sim.instruments import Column
 from gyrowheel_sim.jit import njit
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from gyrowheel_control.loops.kernel import CommandColumn, ControllerState, SetpointColumn, controller_update
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 from gyrowheel_sim.jit import njit
 from gyrowheel_sim.plant.kernel import plant_advance, plant_measure
 

@@ -12,9 +12,7 @@ from typing import Any, Final
 
 from gyrowheel_control.plans import demands
 from gyrowheel_control.plans.demands import Segment
-from gyrowheel_control.plans.format import PlanFile
-from gyrowheel_control.plans.plan import Plan
-from gyrowheel_control.plans.variation import MARK, as_text
+from gyrowheel_control.plans.plan import MARK, Plan, PlanFile, as_text
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import short
 from gyrowheel_core.units import DEG, RPM

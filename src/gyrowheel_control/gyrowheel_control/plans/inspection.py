@@ -7,9 +7,7 @@ from typing import Any, Final, NamedTuple
 
 from gyrowheel_control.plans import demands
 from gyrowheel_control.plans.demands import Segment
-from gyrowheel_control.plans.format import PlanFile
-from gyrowheel_control.plans.plan import Plan
-from gyrowheel_control.plans.variation import as_text
+from gyrowheel_control.plans.plan import Plan, PlanFile, as_text
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.quantities import short
 from gyrowheel_core.schema import problems

@@ -46,7 +46,7 @@ What this gives each node:
 """
 
 from gyrowheel_core.node.base import SURPLUS, WAITS_FOR, WARN, BenchNode, Fault, NodeStatus
-from gyrowheel_core.node.endpoints import Inbox, Newcomers
+from gyrowheel_core.node.endpoints import Inbox, Newcomers, RepeatedRequest
 from gyrowheel_core.node.parameters import AUTOSTART, Param
 from gyrowheel_core.node.priority import PRIORITY, is_refused
 from gyrowheel_core.node.process import (
@@ -58,7 +58,6 @@ from gyrowheel_core.node.process import (
     run_node,
     spin,
 )
-from gyrowheel_core.node.requests import RepeatedRequest
 from gyrowheel_core.start_node import PARENT_VARIABLE
 from gyrowheel_core.surroundings import prepare_environment
 

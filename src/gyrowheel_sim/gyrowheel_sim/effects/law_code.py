@@ -21,7 +21,7 @@ from gyrowheel_sim.effects.declaration import Effect, EffectValues
 from gyrowheel_sim.effects.quantities import REFERENCES
 from gyrowheel_sim.effects.targets import HELD_OUTPUTS, TARGETS, Entry, LawTarget, Place, entering
 from gyrowheel_sim.effects.torque_map import TorqueMap
-from gyrowheel_sim.instruments.readings import Reading
+from gyrowheel_sim.instruments import Reading
 
 # --- kernel ---
 

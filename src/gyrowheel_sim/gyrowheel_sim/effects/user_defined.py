@@ -28,9 +28,9 @@ from gyrowheel_sim.effects.formula import Formula, read, to_text
 from gyrowheel_sim.effects.grammar import NAME, RESERVED, one_line, shortened
 from gyrowheel_sim.effects.memory import Memory
 from gyrowheel_sim.effects.quantities import V_coil, theta, theta_rate, z, z_rate
+from gyrowheel_sim.effects.registry import require_finite, sized
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.torque_map import TorqueMap, map_from_mapping, map_to_mapping
-from gyrowheel_sim.effects.trial import require_finite, sized
 
 #: Names that a law may have in a declaration, and the targets that they mean.
 LAW_FIELDS: dict[str, str] = {"torque": "rotor_torque", **{target: target for target in TARGETS}}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gyrowheel_sim.instruments.readings import FILTERS, N_FILTER, N_ROWS, ROWS, WIDTH, Drift, Past, Reading
+from gyrowheel_sim.instruments import FILTERS, N_FILTER, N_ROWS, ROWS, WIDTH, Drift, Past, Reading
 from gyrowheel_sim.jit import njit
 
 # --- kernel ---

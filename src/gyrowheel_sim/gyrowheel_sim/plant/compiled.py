@@ -13,7 +13,7 @@ from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.law_code import cached_laws_source, entries_source
 from gyrowheel_sim.effects.targets import HELD_OUTPUTS
-from gyrowheel_sim.instruments.readings import (
+from gyrowheel_sim.instruments import (
     FILTERS,
     N_FILTER,
     N_MEMORY,

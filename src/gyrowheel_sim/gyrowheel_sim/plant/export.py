@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.instruments.readings import N_NOISE, Reading
+from gyrowheel_sim.instruments import N_NOISE, Reading
 from gyrowheel_sim.plant.compiled import DRIFT_START, HELD_START, PlantParameters, State, plant_source
 from gyrowheel_sim.plant.machine import Machine, simulated_effects
 from gyrowheel_sim.plant.scenario import Scenario

@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from gyrowheel_sim.effects.law_code import Instant
+from gyrowheel_sim.instruments import ROWS, WIDTH, Chain, Past
 from gyrowheel_sim.instruments.kernel import (
     SHORTEST_FILTER,
     SUB_STEPS,
@@ -26,7 +27,6 @@ from gyrowheel_sim.instruments.kernel import (
     remember_next,
     sensed_tilt,
 )
-from gyrowheel_sim.instruments.readings import ROWS, WIDTH, Chain, Past
 from gyrowheel_sim.jit import call_laws, njit, register_jitable
 from gyrowheel_sim.mechanics.dynamics import (
     case_accelerations,

@@ -17,7 +17,7 @@ from gyrowheel_sim.effects.declaration import Effect, EffectValues
 from gyrowheel_sim.effects.law_code import coefficient_arrays, memory_size
 from gyrowheel_sim.effects.registry import registry
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.instruments.readings import DRIFT_SIZES, LONGEST, N_NOISE, Drift, Reading
+from gyrowheel_sim.instruments import DRIFT_SIZES, LONGEST, N_NOISE, Drift, Reading
 from gyrowheel_sim.plant.compiled import (
     DRIFT_START,
     HELD_START,
