@@ -44,7 +44,7 @@ from gyrowheel_sim.effects.grammar import FUNCTIONS, HANDY
 from gyrowheel_sim.effects.quantities import QUANTITIES, REFERENCES, z
 from gyrowheel_sim.effects.targets import TARGETS
 from gyrowheel_sim.effects.user_defined_line import typed_effect
-from gyrowheel_sim.mechanics.momentum import Envelope, envelope
+from gyrowheel_sim.mechanics.kinematics import Envelope, envelope
 from tools import house, licences, reference
 from tools.effect_picture import to_svg
 from tools.effect_signature import Signature, signature

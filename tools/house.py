@@ -93,7 +93,6 @@ HOUSE = (
             ("residuals",),
             ("diagnosis", "drag", "rate_sensor"),
             ("compare", "add", "calibrate", "compare_models", "compare_sets", "estimation"),
-            ("add_map",),
             ("nodes",),
         ),
     ),

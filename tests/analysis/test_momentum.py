@@ -15,7 +15,7 @@ from gyrowheel.momentum_envelope.picture import body_figure, caps_figure
 from gyrowheel.show.figure import png_bytes
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.mechanics.momentum import envelope, speeds_of
+from gyrowheel_sim.mechanics.kinematics import envelope, speeds_of
 from tools.docs import momentum_csv, momentum_numbers
 
 EACH_BENCH = pytest.mark.parametrize(

@@ -20,8 +20,8 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags.columns import definition, wanted
 from gyrowheel_recording.bags.mcap import MAGIC, Op, batches
+from gyrowheel_recording.bags.mcap.batches import Want
 from gyrowheel_recording.bags.mcap.reader import read_mcap
-from gyrowheel_recording.bags.mcap.topics import Want
 
 from .harness import Case, WrongAnswer
 

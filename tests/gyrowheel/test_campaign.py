@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from gyrowheel.batches import workers
 from gyrowheel.campaigns import hidden as hiding
-from gyrowheel.campaigns.case import _move, run_case
+from gyrowheel.campaigns.api import _move, run_case
 from gyrowheel.campaigns.cases import Campaign, Case, cases
 from gyrowheel.campaigns.hidden import LARGEST, Secret, Yardstick, hide, yardstick
 from gyrowheel.campaigns.judge import Interval, Judged, judge
@@ -469,7 +469,7 @@ def test_a_failed_diagnosis_is_a_wrong_case(monkeypatch: pytest.MonkeyPatch):
     def fail(*_: object) -> None:
         raise np.linalg.LinAlgError("singular matrix")
 
-    monkeypatch.setattr("gyrowheel.campaigns.case.find", fail)
+    monkeypatch.setattr("gyrowheel.campaigns.api.find", fail)
     judged = run_case(None, case_of("none"))
     assert (judged.outcome, judged.error, judged.right) == ("failed", "LinAlgError: singular matrix", False)
 
@@ -480,8 +480,8 @@ def test_lack_of_memory_ends_the_campaign(tmp_path: Path, monkeypatch: pytest.Mo
     def fail(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("gyrowheel.campaigns.case.record", lambda *_: None)
-    monkeypatch.setattr("gyrowheel.campaigns.case.find", fail)
+    monkeypatch.setattr("gyrowheel.campaigns.api.record", lambda *_: None)
+    monkeypatch.setattr("gyrowheel.campaigns.api.find", fail)
     with pytest.raises(MemoryError):
         run_case(None, case_of("none"), scratch=str(tmp_path))
     assert not list(tmp_path.iterdir())

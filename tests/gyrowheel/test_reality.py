@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gyrowheel.campaigns import judge
-from gyrowheel.campaigns.case import run_case
+from gyrowheel.campaigns.api import run_case
 from gyrowheel.campaigns.cases import Campaign, Case, cases
 from gyrowheel.campaigns.hidden import Secret, Yardstick, hide, record, yardstick
 from gyrowheel.campaigns.page import campaign_page

@@ -22,7 +22,7 @@ from gyrowheel_core.cache import digest
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import json_text, new_folder, read_text
 from gyrowheel_core.journal import Journal, Work, begun, journal
-from gyrowheel_recording.bags.identity import files_of, hashed
+from gyrowheel_recording.bags.metadata import files_of, hashed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -152,8 +152,7 @@ class Model(Shown):
             predicts data that are left out, or the recordings have too little steady motion.
         """
         from gyrowheel.models.addition import Addition
-        from gyrowheel_analysis.add import add_effect
-        from gyrowheel_analysis.add_map import add_map
+        from gyrowheel_analysis.add import add_effect, add_map
 
         mapped = _map_of(what)
         chosen = [] if mapped is not None else _chosen(what)  # type: ignore[arg-type]

@@ -97,7 +97,7 @@ class Fit(Result, facts.Estimation, Generic[ModelType]):
 
     def headline(self) -> str:
         """Return the coefficients of the effects, or the free parameters, with their standard errors."""
-        from gyrowheel.models.estimation_page import estimate_of
+        from gyrowheel.models.page import estimate_of
 
         names = self._effects()
         shown = ", ".join(f"{name} = {estimate_of(self.parameters[name])}" for name in names[:4])
@@ -105,7 +105,7 @@ class Fit(Result, facts.Estimation, Generic[ModelType]):
 
     def page(self) -> Iterable[RenderableType]:
         """Return the estimates with their priors, the channels, and the criteria."""
-        from gyrowheel.models.estimation_page import fit_page
+        from gyrowheel.models.page import fit_page
 
         return fit_page(self)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gyrowheel.models.estimation_page import estimate_of, unit_of
+from gyrowheel.models.page import estimate_of, unit_of
 from gyrowheel.show.figure import AFTER, BEFORE, DARK, GROUND, SOFT, Picture, finished, style
 from gyrowheel_core.quantities import decimal
 

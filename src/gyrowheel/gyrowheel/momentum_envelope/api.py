@@ -15,7 +15,7 @@ from gyrowheel.show.result import Result
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.bench import Bench
-from gyrowheel_sim.mechanics.momentum import Envelope, envelope
+from gyrowheel_sim.mechanics.kinematics import Envelope, envelope
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +28,7 @@ _MOST = 200  # spin rates
 class Momentum(Result, Envelope):
     """Outcome of `gyrowheel.momentum`: momentum over spin rates, tilts and azimuths, exact and by eqs (1) and (2).
 
-    The fields are those of `gyrowheel_sim.mechanics.momentum.Envelope`; the equations are those of Huo et al. 2016.
+    The fields are those of `gyrowheel_sim.mechanics.kinematics.Envelope`; the equations are those of Huo et al. 2016.
     """
 
     def headline(self) -> str:

@@ -11,7 +11,7 @@ from rich.text import Text
 from gyrowheel.show.layout import figures_table, heading, indented
 from gyrowheel_core.quantities import fixed, short
 from gyrowheel_core.units import DEG, RPM, unit_for
-from gyrowheel_sim.mechanics.momentum import Envelope
+from gyrowheel_sim.mechanics.kinematics import Envelope
 
 _DIGITS = 4
 

@@ -14,7 +14,7 @@ from gyrowheel.show.figure import BLUE, FAINT, GREEN, GROUND, SOFT, VERMILION, P
 from gyrowheel_core.units import DEG, RPM, unit_for
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.mechanics import kinematics as k
-from gyrowheel_sim.mechanics.momentum import largest_errors, revolution, rotor_inertias, speeds_of
+from gyrowheel_sim.mechanics.kinematics import largest_errors, revolution, rotor_inertias, speeds_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

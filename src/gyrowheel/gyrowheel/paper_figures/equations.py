@@ -26,8 +26,7 @@ from gyrowheel_core.units import DEG, RPM
 from gyrowheel_sim.mechanics import derivation as d
 from gyrowheel_sim.mechanics import kinematics as k
 from gyrowheel_sim.mechanics.dynamics import generalised_forces, inertia_terms
-from gyrowheel_sim.mechanics.kinematics import joint_of_azimuth, tilt_of_joint
-from gyrowheel_sim.mechanics.momentum import revolution
+from gyrowheel_sim.mechanics.kinematics import joint_of_azimuth, revolution, tilt_of_joint
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.models.api import Model
 from gyrowheel.models.estimation import Fit
-from gyrowheel.models.estimation_page import (
+from gyrowheel.models.page import (
     CORRELATED,
     alone_of,
     estimate_of,

@@ -22,7 +22,7 @@ from gyrowheel_core import wire
 from gyrowheel_core.arrays import everywhere, gathered
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.wire import Layout
-from gyrowheel_recording.bags.mcap.topics import TopicData, Want, joined
+from gyrowheel_recording.bags.mcap.batches import TopicData, Want, joined
 
 _PACKAGE = "gyrowheel_msgs"
 

@@ -16,9 +16,9 @@ import zstandard
 
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.files import is_file, largest_unpacked, require_room
+from gyrowheel_recording.bags.mcap.batches import TopicData, Wanted
 from gyrowheel_recording.bags.mcap.reader import read_mcap
 from gyrowheel_recording.bags.mcap.records import MOST_COMPRESSED, Broken, Damaged
-from gyrowheel_recording.bags.mcap.topics import TopicData, Wanted
 from gyrowheel_recording.bags.metadata import METADATA_FILE, Metadata, read_metadata
 
 _HEAD: Final = b"SQLite format 3\0"

@@ -20,9 +20,9 @@ from gyrowheel_core.arrays import by_blocks, picked
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import READINGS, Readings, possible
 from gyrowheel_recording.bags.columns import STALL, columns, is_earlier, texts, wanted
-from gyrowheel_recording.bags.identity import FileState, HashedFile, files_of, hashed, same
+from gyrowheel_recording.bags.mcap.batches import Want
 from gyrowheel_recording.bags.mcap.records import load_walk
-from gyrowheel_recording.bags.mcap.topics import Want
+from gyrowheel_recording.bags.metadata import FileState, HashedFile, files_of, hashed, same
 from gyrowheel_recording.bags.read_bag import read_bag
 from gyrowheel_recording.bags.selection import WHOLE, AnyNamespace, bench_in, part_of, parted
 from gyrowheel_recording.derived import Origin, origins_in

@@ -23,9 +23,8 @@ from gyrowheel_recording.mapping.map_file import (
     Source,
     is_time,
 )
-from gyrowheel_recording.mapping.own_rows import interpolated, sample_rows
 from gyrowheel_recording.mapping.pulses import Edges, edges_of_count, edges_of_level, edges_of_times
-from gyrowheel_recording.mapping.table_file import read_columns
+from gyrowheel_recording.mapping.table_file import interpolated, read_columns, sample_rows
 from gyrowheel_recording.mislabelled import NOT_HELD, new_rows, renumbered
 from gyrowheel_recording.mislabelled.blocks import NAMES
 from gyrowheel_recording.tables import Column, Grid

@@ -31,12 +31,15 @@ from gyrowheel_recording.bags.mcap.batches import (
     Batches,
     Buffer,
     Contents,
+    Rows,
     Share,
+    TopicData,
+    Want,
+    Wanted,
     contents,
     filled,
 )
 from gyrowheel_recording.bags.mcap.records import Broken, Damaged, Fields, record_at
-from gyrowheel_recording.bags.mcap.topics import Rows, TopicData, Want, Wanted
 
 _OBJECT: Final = 40  # bytes of overhead of a message
 _MOST_THREADS: Final = 4  # more would wait for one another

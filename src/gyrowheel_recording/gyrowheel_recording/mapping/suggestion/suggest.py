@@ -18,7 +18,6 @@ from gyrowheel_recording.mapping.clock import clock_offset, rows_twice
 from gyrowheel_recording.mapping.column_names import COIL_CURRENT, SEQUENCE, TIME, UNITS, known_unit
 from gyrowheel_recording.mapping.exchange import import_table
 from gyrowheel_recording.mapping.map_file import READINGS, SCHEMA, ColumnMap
-from gyrowheel_recording.mapping.own_rows import interpolated, sample_rows
 from gyrowheel_recording.mapping.suggestion import Problem, Proposal, Suggestion, holes, in_si
 from gyrowheel_recording.mapping.suggestion.checks import (
     broken_laws,
@@ -26,9 +25,9 @@ from gyrowheel_recording.mapping.suggestion.checks import (
     sentinel,
     words_for_nothing,
 )
-from gyrowheel_recording.mapping.suggestion.columns import assign_columns
+from gyrowheel_recording.mapping.suggestion.columns import assign_columns, with_stamps
 from gyrowheel_recording.mapping.suggestion.questions import column_problems
-from gyrowheel_recording.mapping.suggestion.stamps import with_stamps
+from gyrowheel_recording.mapping.table_file import interpolated, sample_rows
 from gyrowheel_recording.mislabelled import WrongSetup
 from gyrowheel_recording.mislabelled.find import wrong_setups
 from gyrowheel_recording.tables import Grid, TextForm, form_of_file, format_of, read_grid
