@@ -115,7 +115,7 @@ def diagnosed(
 
 @pytest.mark.parametrize("another", [False, True])
 @pytest.mark.parametrize("named", [True, False])
-@pytest.mark.parametrize("machines", [1, 4, 30, 60])
+@pytest.mark.parametrize("machines", [1, 4, pytest.param(30, marks=pytest.mark.study), 60])
 def test_priors_other_plans_and_repeated_recordings_raise_no_alarm(
     machines: int, named: bool, another: bool
 ) -> None:
