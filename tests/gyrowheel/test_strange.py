@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyrowheel.campaigns import strange
+from gyrowheel.campaigns import reality
 from gyrowheel.campaigns.cases import Campaign, cases
 from gyrowheel.campaigns.hidden import hide, yardstick
-from gyrowheel.campaigns.strange import STRANGE, Strange, strange_effect
+from gyrowheel.campaigns.reality import STRANGE, Strange, strange_effect
 from gyrowheel_sim.effects.dimensions import check_effect
 from gyrowheel_sim.effects.law_code import array_law
 from gyrowheel_sim.effects.quantities import QUANTITIES
@@ -41,7 +41,7 @@ def test_fields_of_a_kind_are_one_law_so_that_one_plant_is_compiled() -> None:
 
 
 def test_strange_laws_share_nothing_with_the_search() -> None:
-    tree = ast.parse(Path(strange.__file__).read_text(encoding="utf-8"))
+    tree = ast.parse(Path(reality.__file__).read_text(encoding="utf-8"))
     imported = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
     imported += [
         alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names

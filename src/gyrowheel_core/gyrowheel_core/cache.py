@@ -18,7 +18,6 @@ import secrets
 import stat
 import tempfile
 import time
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -177,6 +176,8 @@ def _checksum(name: str, content: bytes) -> bytes:
 
 def read_arrays(name: str) -> dict[str, NDArray[Any]] | None:
     """Return the arrays of an entry by name; None if it is missing or damaged, see `read`."""
+    import zipfile
+
     import numpy as np
 
     content = read(name)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.reality import (
+    STRANGE,
     HiddenEvent,
     OutsideForm,
     declared,
@@ -26,8 +27,8 @@ from gyrowheel.campaigns.reality import (
     events,
     outside_forms,
     shape_of,
+    strange_effect,
 )
-from gyrowheel.campaigns.strange import STRANGE, strange_effect
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.criteria import ACCEPTED_GAIN, ERROR_LIMIT, EVENT_GAIN
 from gyrowheel_analysis.diagnosis.channel_checks import places_of

@@ -21,12 +21,12 @@ from gyrowheel_recording.mapping.map_file import READINGS, SCHEMA, ColumnMap
 from gyrowheel_recording.mapping.suggestion import Problem, Proposal, Suggestion, holes, in_si
 from gyrowheel_recording.mapping.suggestion.checks import (
     broken_laws,
+    column_problems,
     rows_in_order,
     sentinel,
     words_for_nothing,
 )
 from gyrowheel_recording.mapping.suggestion.columns import assign_columns, with_stamps
-from gyrowheel_recording.mapping.suggestion.questions import column_problems
 from gyrowheel_recording.mapping.table_file import interpolated, sample_rows
 from gyrowheel_recording.mislabelled import WrongSetup
 from gyrowheel_recording.mislabelled.find import wrong_setups
