@@ -298,6 +298,17 @@ def test_a_law_with_a_memory_is_compared_with_the_effects_that_it_resembles(
     assert abs(a.value - size) < 3.0 * a.standard_error
 
 
+@pytest.mark.slow
+def test_the_remanence_of_coils_is_no_damping(tmp_path: Path) -> None:
+    """In a cone, what lags behind the voltages lies across the tilt, as the torque of a damping does."""
+    machine = hidden_machine(141, {"coil_remanence": {"k": 2.0e-4, "tau": 5.0}})
+    found = diagnose([record(tmp_path, "run", machine, "survey")], Model.new())
+    assert [effect.name for effect in found.effects] == ["coil_remanence"]
+    for name, true in (("k", 2.0e-4), ("tau", 5.0)):
+        own = found.effects[0].coefficients[name]
+        assert abs(own.value - true) < 3.0 * own.standard_error, name
+
+
 def test_recordings_without_coil_voltages_have_a_history_too(samples: Samples, windows: Windows) -> None:
     readings = samples.readings.copy()
     for name in ("coil_voltage_x", "coil_voltage_y"):

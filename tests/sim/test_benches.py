@@ -132,6 +132,7 @@ def measures(bench: Bench) -> dict[str, float]:
         "1/rad^2": 1.0 / tilt**2,
         "s": 1.0 / rate,
         "ohm": v("motor_constant") ** 2 * rate / torque,
+        "N*m/V": torque / (v("motor_constant") * rate),
         "1": 1.0,
         "1/K": 1.0,
         "rad/s": 1.0,

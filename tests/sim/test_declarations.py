@@ -273,6 +273,7 @@ SAID = {
     "stiffness_memory": ("stiffer", "softer"),
     "grease_warming": ("brakes more as it warms", "thins it"),
     "magnet_warming": ("lose field", "more torque"),
+    "coil_remanence": ("opposite", "past voltages"),
     "windage_tilt": ("less than in the middle", "more than in the middle"),
     "tilt_scale": ("too small", "too large"),
     "tilt_rotation": ("from the y towards the x axis", "from the x towards the y axis"),

@@ -200,12 +200,15 @@ def _judged(
 
 
 def _leaves_something(found: Diagnosis) -> bool:
-    """Whether something may be missing beyond what was found; where that is nothing, an enlarged drift may be it."""
-    proof = found.proof
-    nothing = not (found.effects or found.instruments or found.free_form)
-    if nothing and max(found.drift_scales.values(), default=1.0) > DRIFT_OR_MAP:
+    """Whether something may be missing beyond what was found.
+
+    An enlarged drift may be it where nothing was found, or a law with a memory, which may follow it slowly.
+    """
+    names = {f.name for f in (*found.effects, *found.instruments)}
+    open_to_drift = not (names or found.free_form) or names & remembering().keys()
+    if open_to_drift and max(found.drift_scales.values(), default=1.0) > DRIFT_OR_MAP:
         return True
-    return found.verdict == "unknown" or (proof is not None and _failed(proof))
+    return found.verdict == "unknown" or (found.proof is not None and _failed(found.proof))
 
 
 def _failed(proof: Proof) -> bool:

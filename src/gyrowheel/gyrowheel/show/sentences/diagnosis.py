@@ -79,6 +79,8 @@ ERROR_TITLES = {
     "coil_gain_error": "coil torque constant differs from the bench file",
     "motor_constant_error": "motor constant differs from the bench file",
 }
+#: Bench parameters far from their stated values that are named one by one.
+_NAMED = 3
 _COUNTS = {2: "Two", 3: "Three", 4: "Four"}
 
 
@@ -106,7 +108,7 @@ def verdict_sentence(found: Diagnosis) -> str:
     What is impossible or far from usual comes first, then what happened in the middle of a recording and what shape its
     drifts have; how large drifts without a shape are comes last.
     """
-    said = [beyond_sentence(item) for item in found.beyond]
+    said = beyond_sentences(found.beyond)
     said += turned_sentences(found.turned, several=several(found))
     said += event_sentences(found.events, several=several(found))
     said += [law_sentence(law, several=several(found)) for law in found.laws]
@@ -129,6 +131,25 @@ def missed_sentence(missed: MissedVoltages | None) -> str:
         "the torque of the coils in a window, which hides small effects. Record averages over each sample, or at the "
         "rate of the loop."
     )
+
+
+def beyond_sentences(items: Sequence[Beyond]) -> list[str]:
+    """Return the values that are impossible or far from usual, a sentence each.
+
+    Where a law is missing, many parameters of the bench go astray together: only the furthest are then named.
+    """
+    astray = [item for item in items if item.kind == "not_as_stated"]
+    if len(astray) <= _NAMED:
+        return [beyond_sentence(item) for item in items]
+    furthest = sorted(astray, key=lambda item: -item.times)[:_NAMED]
+    names = listed(
+        [f"{item.name} ({quantity(item.value, item.unit)}, {item.times:.0f} times)" for item in furthest]
+    )
+    more = (
+        f"{len(astray)} bench parameters would have to lie at least {min(item.times for item in astray):.0f} stated "
+        f"uncertainties from their stated values, furthest {names}."
+    )
+    return [*(beyond_sentence(item) for item in items if item not in astray), more]
 
 
 def beyond_sentence(item: Beyond) -> str:

@@ -6,7 +6,7 @@ import sympy as sp
 
 from gyrowheel_sim.effects.declaration import Coefficient, Effect, Law, LawState
 from gyrowheel_sim.effects.library.common import CONES, amplitude, constant, remembered, symbols
-from gyrowheel_sim.effects.quantities import T_air, T_coil, T_ref, i_motor, z, z_ref
+from gyrowheel_sim.effects.quantities import T_air, T_coil, T_ref, V_coil, i_motor, z, z_ref
 
 (_g,) = symbols("g")
 
@@ -96,6 +96,41 @@ MAGNET_WARMING = Effect(
     source="temperature coefficient of remanence; one thermal mass",
     look_alikes={
         "coil_heating": "coils that are warm for minutes and cool again (plan preheat): what lags goes on",
+    },
+)
+
+
+_kept, _time = symbols("k", "tau")
+_past = remembered("s", complex=True)
+
+COIL_REMANENCE = Effect(
+    name="coil_remanence",
+    title="iron of the coils keeps part of their field",
+    category="actuator",
+    sentence="The iron of the coils follows their current with a delay: part of the torque is that of past voltages.",
+    directions=(
+        "The torque of a new voltage fades in part, with a delay: the opposite of what iron does.",
+        "The iron of the coils follows their current with a delay: part of the torque is that of past voltages.",
+    ),
+    laws=(Law("rotor_torque", _kept * _past),),
+    states=(LawState("s", "V", (V_coil - _past) / _time, complex=True),),
+    coefficients=(
+        amplitude(
+            "k",
+            "N*m/V",
+            "torque per volt of the past voltage",
+            (1.0e-4, 4.0e-4),
+            0.01,
+            "assumed: 0.5 to 2 % of the torque per volt, as in iron with an air gap",
+            signed=True,
+        ),
+        constant("tau", "s", "time in which the iron follows", 8.0, 6.0, (0.3, 2e3)),
+    ),
+    validity="iron far from saturation, without a field at the start",
+    source="magnetic after-effect, one relaxation: Chikazumi, Physics of Ferromagnetism, 1997, chapter 20",
+    look_alikes={
+        "flexure_damping": "holds and cones: a damping is the same in both, what lags depends on the tilts before",
+        "coil_gain_error": "tilts in both directions in turn: a gain does not depend on the tilts before",
     },
 )
 
