@@ -77,6 +77,12 @@ MEMORY_SHARE: Final = 0.2
 #: Least share of its gain that a law with a memory shows along a rough course: two thirds measured for friction of a
 #: cable, nearly all for other laws. Lower costs time where nothing is missing, higher misses laws.
 MEMORY_ROUGH: Final = 0.6
+#: Share of an error that a law with a memory, of usual time constants, must roughly explain before laws of an instant,
+#: forms and events are compared with it. It decides on the time alone.
+MEMORY_MOST: Final = 0.8
+#: Share of the gain of a form that leaves nothing which one law with a memory must reach in its place before all laws
+#: with a memory are candidates. Lower costs time, higher misses a law if the form also explains what is next to it.
+MEMORY_REACH: Final = 0.9
 #: Gain from which on a law with a memory next to which no event or form is found is not compared with those in its
 #: place: if it only resembled the truth to 90 %, they would be found in what it leaves. Lower takes events for laws,
 #: higher costs time.

@@ -204,7 +204,7 @@ def _leaves_something(found: Diagnosis) -> bool:
 
     An enlarged drift may be it where nothing was found, or a law with a memory, which may follow it slowly.
     """
-    names = {f.name for f in (*found.effects, *found.instruments)}
+    names = {f.name for f in found.effects} | {f.name for f in found.instruments}
     open_to_drift = not (names or found.free_form) or names & remembering().keys()
     if open_to_drift and max(found.drift_scales.values(), default=1.0) > DRIFT_OR_MAP:
         return True

@@ -15,6 +15,8 @@ from gyrowheel_analysis.criteria import (
     DRIFT_OR_MAP,
     EVENT_GAIN,
     MEMORY_ALONE,
+    MEMORY_MOST,
+    MEMORY_REACH,
     MEMORY_ROUGH,
     MEMORY_SHARE,
     TIE_LOSS,
@@ -25,7 +27,7 @@ from gyrowheel_analysis.diagnosis.free_forms import memory_forms
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
-from gyrowheel_analysis.diagnosis.unknown import Proposal, family, search, settled
+from gyrowheel_analysis.diagnosis.unknown import Proposal, family, fits_with_one, search, settled
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
@@ -89,11 +91,13 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     Effects with a memory are candidates where one of them roughly gains enough, or where those of an instant leave
     something. One of them is taken if it makes the recordings likelier than all that explains them without it; a free
     form must be likelier than the law. Events and forms are not sought where a law with a memory explains very much and
-    leaves nothing. Where a form without a memory leaves nothing, what remembers must beat it without events.
+    leaves nothing. Where a form without a memory leaves nothing, one law with a memory must nearly reach it alone, and
+    what remembers must beat it without events.
     """
     selection = select(first.problem, progress=progress)
     remembering, other = None, None
-    if _remembers(first.problem, selection.best, selection.inflation):
+    remembers = _remembers(first.problem, selection.best, selection.inflation)
+    if remembers and _explains_most(first.problem, selection):
         remembering = _with_memory(first, progress)
         if _suffices(*remembering):
             other = _explained(first, *remembering, recordings, progress)
@@ -101,12 +105,14 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
             if _has_memory(other.best) and not _leaves_something(other) and gain > MEMORY_ALONE:
                 return other
     found = _explained(first, first.problem, selection, recordings, progress)
+    closed = found.proposal is not None and not _is_open(found)
     if remembering is None:
-        if not ((_leaves_something(found) and _may_remember(found)) or _lags(found)):
+        if not (remembers or (_leaves_something(found) and _may_remember(found)) or _lags(found)):
+            return found
+        if closed and not _one_reaches(found):
             return found
         remembering = _with_memory(first, progress)
     if other is None:
-        closed = found.proposal is not None and not _is_open(found)
         # forms without a state explain as much as without these candidates, but next to a law with a memory
         among = memory_forms() if closed or not _has_memory(remembering[1].best) else None
         below = _cost(found) if closed else None
@@ -177,11 +183,40 @@ def _remembers(problem: Problem, fit: Fit, inflation: float = 0.0) -> bool:
     If nothing need be left, `inflation` is that of the gain that a term must bring.
     """
     share = MEMORY_SHARE * (fit.chi2_rows - expected_chi2(problem))
-    laws = problem.memory_terms  # none after a long pause: no form with a state either
-    ranked = rank(problem.roughly(), fit, [*laws, *family(problem, memory_forms())] if laws else [])
+    ranked = rank(problem.roughly(), fit, _lagging(problem))
     return any(
         gain > MEMORY_ROUGH * max(threshold(term, inflation) if inflation else ACCEPTED_GAIN_FURTHER, share)
         for gain, term in ranked
+    )
+
+
+def _lagging(problem: Problem) -> list[Term]:
+    """Return the laws and free forms with a memory; none after a long pause."""
+    laws = problem.memory_terms
+    return [*laws, *family(problem, memory_forms())] if laws else []
+
+
+def _explains_most(problem: Problem, selection: Selection) -> bool:
+    """Whether a law with a memory roughly explains most of an error, next to the effects selected or in their place."""
+    if lack_of_fit(problem, selection.best) <= CHI2_RANGE:
+        return False
+    for fit in (selection.best, selection.null):
+        ranked = rank(problem.roughly(), fit, _lagging(problem))
+        if any(gain > MEMORY_MOST * (fit.chi2_rows - expected_chi2(problem)) for gain, _ in ranked):
+            return True
+    return False
+
+
+def _one_reaches(found: Explanation) -> bool:
+    """Whether one law or form with a memory explains nearly as much as the free form of an explanation in its place."""
+    assert found.proposal is not None
+    problem = found.problem
+    start = problem.fit(found.proposal.kept, found.best)
+    without = problem.evidence(start)
+    wanted = without - problem.evidence(found.best)
+    return any(
+        without - problem.evidence(fit) > MEMORY_REACH * wanted
+        for fit in fits_with_one(problem, start, _lagging(problem), wanted)
     )
 
 

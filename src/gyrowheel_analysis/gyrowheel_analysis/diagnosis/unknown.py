@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -174,6 +174,19 @@ def _hopeless(problem: Problem, gain: float, excess: float) -> bool:
 def _covered(problem: Problem) -> float:
     """Return the factor by which enlarged drifts may have reduced a gain in chi-squared."""
     return max(problem.noise.scales.values(), default=1.0) ** 2
+
+
+def fits_with_one(problem: Problem, start: Fit, terms: Sequence[Term], wanted: float) -> Iterator[Fit]:
+    """Yield the fits with one more of the terms, those that roughly gain most first.
+
+    Terms that cannot gain half of what is `wanted`, in twice the log likelihood, are passed over.
+    """
+    without = problem.evidence(start)
+    for gain, term in _foremost(rank(problem.roughly(), start, terms)):
+        if not _hopeless(problem, gain, wanted):
+            fit = _fitted(problem, (*start.terms, term), start, without, wanted)
+            if fit is not None:
+                yield fit
 
 
 def _foremost(ranked: Sequence[tuple[float, Term]]) -> list[tuple[float, Term]]:
