@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from gyrowheel.show.contract import diagnosis_json
-from gyrowheel.show.sentences.diagnosis import verdict_sentence
+from gyrowheel.show.sentences.diagnosis import beyond_sentences, verdict_sentence
 from gyrowheel.show.sentences.proof import proof_sentence
 from gyrowheel_analysis.criteria import CHI2_RANGE, FAR_FROM_USUAL
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.estimates import Beyond
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import threshold
 from gyrowheel_analysis.fitting.fit import ERRORS, Term
@@ -245,3 +246,20 @@ def test_a_finding_is_proven_on_the_part_left_out(tmp_path: Path) -> None:
     assert both.proof is not None
     assert (both.proof.left_out, both.proof.parts) == ("recording", 2)
     assert both.proof.proven
+
+
+@pytest.mark.parametrize("count", [1, 3, 4, 17])
+def test_of_many_parameters_that_go_astray_together_the_furthest_are_named(count: int) -> None:
+    astray = [
+        Beyond("not_as_stated", f"parameter_{k}", "", 2.0 * k, 1.0, "N*m", 10.0 + k) for k in range(count)
+    ]
+    impossible = Beyond("impossible", "coil_constant", "", -1.0, 0.0, "N*m/V", 0.0)
+    first, *texts = beyond_sentences([impossible, *astray])
+    assert first.startswith("coil_constant would have to be")
+    if count <= 3:
+        assert [text.split()[0] for text in texts] == [own.name for own in astray]
+        return
+    (text,) = texts
+    assert text.startswith(f"{count} bench parameters would have to lie at least 10 stated uncertainties")
+    named = [own.name for own in astray if f"{own.name} (" in text]
+    assert named == [own.name for own in astray[-3:]]

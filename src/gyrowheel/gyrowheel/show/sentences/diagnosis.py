@@ -143,7 +143,11 @@ def beyond_sentences(items: Sequence[Beyond]) -> list[str]:
         return [beyond_sentence(item) for item in items]
     furthest = sorted(astray, key=lambda item: -item.times)[:_NAMED]
     names = listed(
-        [f"{item.name} ({quantity(item.value, item.unit)}, {item.times:.0f} times)" for item in furthest]
+        [
+            f"{item.name} ({quantity(item.value, item.unit)}, {item.times:.0f} uncertainties)"
+            for item in furthest
+        ],
+        "and",
     )
     more = (
         f"{len(astray)} bench parameters would have to lie at least {min(item.times for item in astray):.0f} stated "
