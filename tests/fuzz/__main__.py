@@ -13,7 +13,7 @@ from .kinds import KINDS
 
 
 def main() -> int:
-    """Return 1 if anything failed."""
+    """Return 1 if anything failed, 130 if Ctrl-C ended it."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument(
         "kind", nargs="*", help=f"kinds of input; all of them if none is named: {', '.join(KINDS)}"
@@ -38,6 +38,8 @@ def main() -> int:
             for number, failure in enumerate(tally.failures):
                 kept(failure, asked.keep / f"{name}_{asked.seed}_{number}")
         failures += tally.outcomes["failed"]
+        if tally.interrupted:
+            return 130
     return 1 if failures else 0
 
 

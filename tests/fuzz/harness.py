@@ -109,12 +109,15 @@ class Tally:
         Longest time of the processor for one input, in this process and those that it started [s].
     largest : int
         Most memory that one of these processes had [bytes].
+    interrupted : bool
+        Whether Ctrl-C ended it; what was tried until then counts.
     """
 
     outcomes: Counter[str] = field(default_factory=Counter)
     failures: list[Failure] = field(default_factory=list)
     longest: float = 0.0
     largest: int = 0
+    interrupted: bool = False
 
     @property
     def count(self) -> int:
@@ -241,8 +244,11 @@ def run(kind: Kind, seed: int, folder: Path, *, count: int = 0, seconds: float =
     tally = Tally()
     end = time.monotonic() + seconds
     folder.mkdir(parents=True, exist_ok=True)
-    for number, case in enumerate(kind(random.Random(seed), folder)):
-        if (count and number >= count) or (seconds and time.monotonic() > end):
-            break
-        tally.take(case)
+    try:
+        for number, case in enumerate(kind(random.Random(seed), folder)):
+            if (count and number >= count) or (seconds and time.monotonic() > end):
+                break
+            tally.take(case)
+    except KeyboardInterrupt:
+        tally.interrupted = True
     return tally

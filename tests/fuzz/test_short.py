@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +112,19 @@ def test_what_goes_wrong_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found == ["hang", "memory", "traceback", "wrong", "wrong"]  # both hangs say the same
     assert tally.outcomes == {"failed": 6, "refused": 1, "exact": 1}
     assert not issubclass(Hang, Exception)  # no reader can catch it by mistake
+
+
+def test_what_was_tried_before_an_interruption_counts(tmp_path: Path) -> None:
+    def interrupted(rng: random.Random, folder: Path) -> Iterator[Case]:
+        def ends(_: bytes) -> str:
+            raise KeyboardInterrupt
+
+        yield Case("first", b"", lambda _: "read")
+        yield Case("second", b"", ends)
+
+    tally = run(interrupted, 1, tmp_path / "folder")
+    assert tally.interrupted
+    assert dict(tally.outcomes) == {"read": 1}
 
 
 def test_the_smallest_input_is_found() -> None:
