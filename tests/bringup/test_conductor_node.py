@@ -153,7 +153,7 @@ def test_a_plan_that_starts_where_a_tilt_is_held_moves_from_there(bystander: Bys
     speeds = [s[7] for s in after]
     steps = [abs(b - a) for a, b in pairwise(speeds)]
     assert max(steps) <= 1000.0 * RPM * SETPOINT_PERIOD * (1.0 + 1e-9)
-    # what a message says of its rates is how the next one differs
+    # the rate in a message times the period is the change to the next message
     for now, then in pairwise(after):
         if now[2] == RAMP and then[2] == RAMP:
             assert then[3] - now[3] == pytest.approx(now[5] * SETPOINT_PERIOD, abs=1e-12)

@@ -151,26 +151,40 @@ def add_effect(
     for name, found, own_doubts in _found_air(problem, after, air):
         coefficients[name] = found
         doubts += own_doubts
-    overrides = overrides_of(problem, after)
-    entry: dict[str, Any] = {
-        "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "what": _what([n for n in names if isinstance(n, str) and is_air(n)], terms, model),
-        "fit": [str(r.path) for r in fit],
-        "validate": [str(r.path) for r in validate],
-        "error": errors.table.to_json(),
-    }
-    if restated := restated_by(problem, terms, overrides):
-        entry["restated"] = restated
-    effects, effect_errors = effects_of(model, problem, after, coefficients)
-    changed = model.changed(
-        entry, overrides=overrides, effects=effects, effect_errors=effect_errors, declared=declared
-    )
+    what = _what([n for n in names if isinstance(n, str) and is_air(n)], terms, model)
+    changed = _changed(model, problem, after, what, fit, validate, errors.table, coefficients, declared)
     null = problem.fit(()) if terms else after
     unused = as_events(events, [str(r.path) for r in validate])
     proof = prove(prepared, null, after, errors.table, unused)
     return Added(
         changed, coefficients, errors.table, tuple(errors.residuals), tuple(doubts), tuple(events), proof
     )
+
+
+def _changed(
+    model: Model,
+    problem: Problem,
+    after: Fit,
+    what: str,
+    fit: Sequence[Recording],
+    validate: Sequence[Recording],
+    table: ErrorTable,
+    coefficients: Mapping[str, Mapping[str, Estimate]],
+    declared: Mapping[str, Effect],
+) -> Model:
+    """Return a model with the effects of a fit, its bench parameters, and an entry of its history."""
+    overrides = overrides_of(problem, after)
+    entry: dict[str, Any] = {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "what": what,
+        "fit": [str(r.path) for r in fit],
+        "validate": [str(r.path) for r in validate],
+        "error": table.to_json(),
+    }
+    if restated := restated_by(problem, after.terms, overrides):
+        entry["restated"] = restated
+    effects, errors = effects_of(model, problem, after, coefficients)
+    return model.changed(entry, overrides=overrides, effects=effects, effect_errors=errors, declared=declared)
 
 
 def overrides_of(problem: Problem, after: Fit) -> dict[str, Override]:
@@ -409,29 +423,14 @@ def add_map(
             c.name: Estimate(own.values[c.name], own.errors[c.name], c.unit) for c in own.effect.coefficients
         }
     } | {term.name: estimates(problem, term, after) for term in after.terms}
-    effects, effect_errors = effects_of(model, problem, after, coefficients)
-    entry: dict[str, Any] = {
-        "time": datetime.now(UTC).isoformat(timespec="seconds"),
-        "what": f"add {', '.join(coefficients)}",
-        "fit": paths,
-        "validate": [str(r.path) for r in validate],
-        "error": found.errors.table.to_json(),
-    }
-    overrides = overrides_of(problem, after)
-    if restated := restated_by(problem, after.terms, overrides):
-        entry["restated"] = restated
-    changed = model.changed(
-        entry,
-        overrides=overrides,
-        effects=effects,
-        effect_errors=effect_errors,
-        declared={name: own.effect},
-    )
+    table = found.errors.table
+    what = f"add {', '.join(coefficients)}"
+    changed = _changed(model, problem, after, what, fit, validate, table, coefficients, {name: own.effect})
     proof = proof_of(found, as_events(events, [str(r.path) for r in validate]))
     return Added(
         changed,
         coefficients,
-        found.errors.table,
+        table,
         tuple(found.errors.residuals),
         tuple(doubts_of(problem, after, after.terms, {})),
         tuple(events),

@@ -55,8 +55,8 @@ class Outliers(NamedTuple):
 def outliers(data: Samples, spans: Sequence[tuple[float, float]], period: float) -> dict[str, Outliers]:
     """Return the outliers of readings whose noise is not Gaussian, by channel.
 
-    The second differences of the samples of a steady motion, `spans` of time [s], show little but noise; every block of
-    them has a scale of its own, because the motion differs. `period` is that of the samples [s].
+    The second differences of the samples of a steady motion, `spans` of time [s], show little but noise. Each block of
+    them has its own scale, because the motion differs. `period` is the sample period [s].
     """
     even = np.diff(data.time) < 1.5 * period
     blocks = [

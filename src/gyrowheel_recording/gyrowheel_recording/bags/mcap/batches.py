@@ -297,8 +297,7 @@ class TopicData:
     name: str
     type_name: str
     message_encoding: str = "cdr"  # serialization format, ``cdr`` in ROS 2
-    #: Definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty
-    #: where there is none.
+    #: Definition of the type and its encoding, ``ros2msg`` or ``ros2idl``; empty if the file has no definition.
     definition_encoding: str = ""
     definition: str = ""
     count: int = 0

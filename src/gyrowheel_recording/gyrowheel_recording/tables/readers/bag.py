@@ -53,7 +53,7 @@ class Connection:
     """What one node published on one topic."""
 
     topic: TopicData  # the topic, its type, and the definition of that
-    digest: str  # checksum of the definition; ``*`` where there is none
+    digest: str  # checksum of the definition; ``*`` if the file has no definition
 
 
 class Bag:
