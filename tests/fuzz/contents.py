@@ -185,8 +185,8 @@ def contents(rng: random.Random, folder: Path) -> Iterator[Case]:
     wholes = machine_recordings(folder / "whole")
     model = gw.Model("gyrowheel")
     verbs: dict[str, Callable[[gw.Recording], Any]] = {
-        "compare": lambda own: gw.compare(own, model).to_dict(),
-        # where much is wrong at once, it looks for all of it: half a minute
+        # where much is wrong at once, both look for all of it: half a minute
+        "compare": lambda own: gw.compare(own, model, progress=lambda _: begin_again(6.0)).to_dict(),
         "diagnose": lambda own: gw.diagnose(own, model, progress=lambda _: begin_again(6.0)).to_dict(),
         "rate": lambda own: gw.rate(own, model).to_dict(),
         "torques": lambda own: gw.torques(own, model).to_dict(),
@@ -208,6 +208,10 @@ def contents(rng: random.Random, folder: Path) -> Iterator[Case]:
                     raise
                 return f"refused by {verb}"
         return f"{verb} answered"
+
+    for ask in verbs.values():  # what a new cache makes first must not count as the time of an input
+        for whole in wholes:
+            ask(gw.Recording.open(whole.path))
 
     while True:
         verb = rng.choice((*verbs, "compare", "compare"))

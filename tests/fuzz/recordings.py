@@ -388,6 +388,9 @@ def _asked(verb: Callable[..., Any], rng: random.Random, folder: Path) -> Iterat
         except InputError as error:
             return f"refused: {error}"
 
+    for whole in wholes:  # what a new cache makes first must not count as the time of an input
+        said(whole)
+
     while True:
         whole = drawn(wholes, rng)
         file = next(whole.path.glob("*.mcap"))

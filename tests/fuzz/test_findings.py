@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import struct
+from itertools import pairwise
 from pathlib import Path
 
 import mcap.writer
@@ -16,6 +17,8 @@ import pytest
 import gyrowheel as gw
 from gyrowheel.cli.internal_errors import machine_error
 from gyrowheel.show.sentences.setup import problem
+from gyrowheel_analysis.fitting.preparation import samples_of
+from gyrowheel_analysis.reduction.segmentation import steady_spans
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
@@ -288,6 +291,15 @@ def test_no_law_is_sought_for_what_none_can_explain(tmp_path: Path, line: str, k
     assert words in problem(found.setup[0])
     assert said
     assert not any("comparing with" in text for text in said)
+
+
+def test_holds_of_setpoints_with_scattered_times_do_not_overlap(tmp_path: Path) -> None:
+    """A step among windows that overlap had a negative norm: a comparison ended with an internal error."""
+    whole = machine_recording(tmp_path / "whole", lacking=True)
+    own = Recording.open(written(whole, ["setpoint jitter 40000 1"], tmp_path / "run"))
+    spans = steady_spans(samples_of(own))
+    assert len(spans) > 3
+    assert all(end <= then for (_, end, *_), (then, *_) in pairwise(spans))
 
 
 @pytest.mark.parametrize("name", ["motor_voltage", "coil_voltage_y"])

@@ -81,7 +81,10 @@ def _spans_from_setpoints(data: Samples) -> list[Span]:
         turn = speed / radius if radius > 0.0 and math.isfinite(speed / radius) else 0.0
         if changed and turn > 0.0:
             settling += CONE_SETTLING
-        spans.append((float(time[a]) + settling, float(time[b - 1]) + step, int(sp["segment"][a]), turn))
+        end = float(time[b - 1]) + step
+        if b < len(time):
+            end = min(end, float(time[b]))  # where setpoints are scattered, no hold lasts into the next one
+        spans.append((float(time[a]) + settling, end, int(sp["segment"][a]), turn))
     return spans
 
 
