@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.drag.stream import drag_estimates
-from gyrowheel_analysis.fitting.preparation import samples_of
+from gyrowheel_analysis.fitting.preparation import prepare, samples_of
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.rate_sensor import rates
 from gyrowheel_analysis.reduction.motor_temperature import interpolated, motor_temperatures
@@ -171,6 +171,18 @@ def test_the_instant_of_a_change_is_not_sought_in_a_pause(
     late = samples_of(paused(recording, tmp_path / "run", DECADES, 0.31), incomplete=True)
     at = 0.31 * recording.duration
     assert onset(late, BENCH, (quantity,), at - 1.0, at + DECADES + 1.0) is None
+
+
+@pytest.mark.parametrize("share", [0.003, 0.31, 0.999])
+def test_no_law_with_a_memory_is_sought_across_a_pause(
+    recording: Recording, tmp_path: Path, share: float
+) -> None:
+    """A pause before the first window had its motion followed for years, in more than 2 GB."""
+    assert prepare([recording], Model.new()).problem.memory_terms
+    late = paused(recording, tmp_path / "run", DECADES, share)
+    problem = prepare([late], Model.new()).problem
+    assert problem.measured.size
+    assert not problem.memory_terms
 
 
 def test_a_wrong_setup_shows_on_both_sides_of_a_pause(recording: Recording, tmp_path: Path) -> None:

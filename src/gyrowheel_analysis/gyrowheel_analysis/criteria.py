@@ -87,7 +87,8 @@ MEMORY_REACH: Final = 0.9
 #: place: if it only resembled the truth to 90 %, they would be found in what it leaves. Lower takes events for laws,
 #: higher costs time.
 MEMORY_ALONE: Final = 300.0
-#: Time between windows [s] over which the state of a law is unknown, so that none with a memory is looked for.
+#: Time between windows or samples [s] over which the state of a law is unknown, so that none with a memory is looked
+#: for.
 MEMORY_PAUSE: Final = 3600.0
 
 # --- events and shapes of drifts ---

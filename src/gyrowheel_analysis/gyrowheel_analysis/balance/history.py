@@ -26,6 +26,7 @@ from gyrowheel_analysis.reduction.quality import readable
 from gyrowheel_analysis.reduction.samples import Array, Samples
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, MEAN, Windows, attitude, without_noise
 from gyrowheel_core.arrays import running_mean
+from gyrowheel_recording.bags.reader import pauses
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect, LawState
 from gyrowheel_sim.effects.law_code import (
@@ -102,6 +103,13 @@ class History:
         result = History(self._windows, self._bench)
         result._every = _ROUGH
         return result
+
+    def breaks(self, longest: float) -> bool:
+        """Whether the motion is unknown for more than a time [s]: between two samples, or between two windows."""
+        times = [np.sort(self._windows.start)]
+        if self._samples is not None:
+            times.append(self._samples.time)
+        return any(len(pauses(own, longest)) for own in times)
 
     @cached_property
     def course(self) -> Course:

@@ -17,7 +17,6 @@ from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns, memory_te
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.solver import Objective, bounded, solve
-from gyrowheel_recording.bags.reader import pauses
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
@@ -76,8 +75,8 @@ class Problem:
     @property
     def memory_terms(self) -> list[Term]:
         """The laws with a memory that the recordings may show; none with a long pause, in which it is unknown."""
-        starts = (np.sort(balance.windows.start) for balance in self.balances)
-        return [] if any(len(pauses(own, MEMORY_PAUSE)) for own in starts) else memory_terms(self.bench)
+        broken = any(balance.motion.history.breaks(MEMORY_PAUSE) for balance in self.balances)
+        return [] if broken else memory_terms(self.bench)
 
     def roughly(self) -> Problem:
         """Return the same problem, to which laws with a memory add quickly what they roughly do.
