@@ -21,13 +21,14 @@ from rosbags.highlevel import AnyReader
 from gyrowheel.recordings.page import info_page
 from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
+from gyrowheel_core.readings import READINGS
 from gyrowheel_recording.bags import Recording, RecordingWriter, info, write_run
 from gyrowheel_recording.bags.columns import column_dtype, definition
 from gyrowheel_recording.bags.mcap.reader import read_mcap
 from gyrowheel_recording.bags.mcap.writer import Block, McapWriter
 from gyrowheel_sim.environment import Environment, to_json
 
-from .recordings import ENVIRONMENT, PERIOD_NS, assert_holds, measurements, record, shown
+from .recordings import ENVIRONMENT, PERIOD_NS, assert_holds, make_run, measurements, record, shown
 
 # ---- what is written is what is read
 
@@ -232,6 +233,29 @@ def test_values_that_are_not_finite_are_counted_and_kept(tmp_path):
     assert (recording.integrity().not_finite, recording.integrity().duplicates) == (1, 1)
     assert np.isnan(recording.readings.tilt_x[2])
     assert info(tmp_path / "bag").integrity.not_finite == 1
+    assert recording.extremes == {}
+
+
+@pytest.mark.parametrize("samples", [1, 256, 257, 20_000], ids="{} samples".format)
+def test_extremes_are_those_of_every_256_samples_also_where_samples_are_late(tmp_path, samples):
+    run = make_run(samples)
+    write_run(tmp_path / "bag", **run)
+    recording = Recording.open(tmp_path / "bag")
+    late = Recording.open(record(tmp_path / "late", random.Random(1).sample(measurements(600), 600)))
+    for own in (recording, late):
+        parts = np.array_split(own.measurement, range(256, len(own.measurement), 256))
+        for name in READINGS:
+            ends = [[part[name].min() for part in parts], [part[name].max() for part in parts]]
+            np.testing.assert_array_equal(own.extremes[name], ends)
+
+
+def test_one_value_beyond_all_readings_is_found_among_many_samples(tmp_path):
+    run = make_run(20_000)
+    run["measurement"][12_345, 3] = -2e12
+    write_run(tmp_path / "bag", **run)
+    recording = Recording.open(tmp_path / "bag")
+    assert recording.integrity().not_finite == 1
+    assert np.flatnonzero(np.isnan(recording.readings.array[:, 3])).tolist() == [12_345]
 
 
 @pytest.mark.parametrize(

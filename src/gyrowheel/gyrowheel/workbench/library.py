@@ -20,8 +20,9 @@ from gyrowheel.show.files import bag_head
 from gyrowheel_core.arrays import by_blocks
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_recording.bags import being_written
+from gyrowheel_recording.bags.reader import SPAN
 
-_BLOCK = 256  # samples per stored pair of extremes; `by_blocks` uses a multiple of it
+_BLOCK = SPAN  # samples per stored pair of extremes; `by_blocks` uses a multiple of it
 _DIRECT = 2 * _BLOCK  # samples of an interval from which on the extremes of blocks are used
 
 Array = NDArray[np.float64]
@@ -68,9 +69,9 @@ def with_range(ranges: Sequence[Range], new: Range) -> tuple[Range, ...]:
 class Envelope:
     """A signal with the extremes of its blocks, from which any part is drawn without delay; NaN is ignored."""
 
-    def __init__(self, values: Array, extremes: tuple[Array, Array] | None = None) -> None:
+    def __init__(self, values: Array, extremes: Sequence[Array] | None = None) -> None:
         self.values = values
-        self._low, self._high = extremes or _extremes([values], len(values))[0]
+        self._low, self._high = _extremes([values], len(values))[0] if extremes is None else extremes
 
     def cut(self, first: int, last: int, points: int) -> tuple[Array, Array]:
         """Return the samples from `first` to before `last` as a line of at most `points` points, 4 or more.
@@ -162,7 +163,10 @@ class Opened:
     def of(cls, key: str, recording: Recording, role: Role) -> Opened:
         """Return a recording with the data that the page asks for at once."""
         drawn = {name for name, _ in columns()}
-        signals, setpoints = (envelopes(rows, drawn) for rows in (recording.measurement, recording.setpoints))
+        rows, known = recording.measurement, recording.data.extremes
+        signals = {name: Envelope(rows[name], known[name]) for name in drawn & known.keys()}
+        signals = signals or envelopes(rows, drawn)
+        setpoints = envelopes(recording.setpoints, drawn)
         _ = recording.time
         return cls(key, recording, role, signals, setpoints)
 

@@ -199,8 +199,8 @@ def _copied(
 
 
 @functools.cache
-def _places(layout: Layout) -> tuple[np.dtype[Any], npt.NDArray[np.int64], npt.NDArray[np.int64], int]:
-    """Return how a loop copies messages: the stamp as a dtype, the constant bytes, the `_runs`, place of the stamp."""
+def _places(layout: Layout) -> tuple[np.dtype[Any], npt.NDArray[np.uint64], npt.NDArray[np.int64], int]:
+    """Return how a loop copies messages: the stamp as a dtype, `_constants`, the `_runs`, place of the stamp."""
     fields: Mapping[str, Any] = layout.dtype.fields or {}
     names = ("sec", "nanosec")
     stamp = np.dtype(
@@ -208,7 +208,19 @@ def _places(layout: Layout) -> tuple[np.dtype[Any], npt.NDArray[np.int64], npt.N
     )
     rows: Mapping[str, Any] = column_dtype(layout).fields or {}
     runs = np.array(_runs(layout), dtype=np.int64).reshape(-1, 3)
-    return stamp, layout.constant_bytes, runs, rows["stamp_ns"][1]
+    return stamp, _constants(layout), runs, rows["stamp_ns"][1]
+
+
+def _constants(layout: Layout) -> npt.NDArray[np.uint64]:
+    """Return the constant bytes of a layout as words of a message: place, bits that are constant, and these bits."""
+    size = layout.dtype.itemsize
+    left = dict(layout.constant_bytes.tolist())
+    words = []
+    while left:
+        place = min(min(left), size - 8)
+        own = [(k, left.pop(place + k)) for k in range(8) if place + k in left]
+        words.append((place, sum(0xFF << 8 * k for k, _ in own), sum(byte << 8 * k for k, byte in own)))
+    return np.array(words, dtype=np.uint64).reshape(-1, 3)
 
 
 @functools.cache

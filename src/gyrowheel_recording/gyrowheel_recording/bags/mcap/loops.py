@@ -103,7 +103,7 @@ def copied(
     records: Words,
     stamps: npt.NDArray[Any],
     begins: npt.NDArray[np.int64],
-    constants: npt.NDArray[np.int64],
+    constants: npt.NDArray[np.uint64],
     runs: npt.NDArray[np.int64],
     stamp_at: int,
     rows: Words,
@@ -118,8 +118,8 @@ def copied(
         ``sec`` and ``nanosec`` of a message that would begin at each byte of the records.
     begins : ndarray of int64, shape (n,)
         Where the messages begin, n > 0. Each has the size of the layout, and lies within the records.
-    constants : ndarray of int64, shape (m, 2)
-        Places in a message and the bytes that must be there.
+    constants : ndarray of uint64, shape (m, 3)
+        Places of words in a message, which bits of the word must be as they are stated, and those bits.
     runs : ndarray of int64, shape (k, 3)
         What is copied: place in the message, in the row, bytes.
     stamp_at : int
@@ -136,7 +136,7 @@ def copied(
     for k in range(len(begins)):
         begin, row = begins[k], k * size
         for c in range(len(constants)):
-            if source[begin + constants[c, 0]] != constants[c, 1]:
+            if source_words[begin + np.int64(constants[c, 0])] & constants[c, 1] != constants[c, 2]:
                 return False
         stamp = stamps[begin]
         within = np.int64(stamp["nanosec"])
