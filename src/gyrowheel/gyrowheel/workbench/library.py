@@ -69,9 +69,9 @@ def with_range(ranges: Sequence[Range], new: Range) -> tuple[Range, ...]:
 class Envelope:
     """A signal with the extremes of its blocks, from which any part is drawn without delay; NaN is ignored."""
 
-    def __init__(self, values: Array, extremes: Sequence[Array] | None = None) -> None:
+    def __init__(self, values: Array, extremes: tuple[Array, Array] | None = None) -> None:
         self.values = values
-        self._low, self._high = _extremes([values], len(values))[0] if extremes is None else extremes
+        self._low, self._high = extremes or _extremes([values], len(values))[0]
 
     def cut(self, first: int, last: int, points: int) -> tuple[Array, Array]:
         """Return the samples from `first` to before `last` as a line of at most `points` points, 4 or more.
@@ -164,7 +164,9 @@ class Opened:
         """Return a recording with the data that the page asks for at once."""
         drawn = {name for name, _ in columns()}
         rows, known = recording.measurement, recording.data.extremes
-        signals = {name: Envelope(rows[name], known[name]) for name in drawn & known.keys()}
+        signals = {
+            name: Envelope(rows[name], (known[name][0], known[name][1])) for name in drawn & known.keys()
+        }
         signals = signals or envelopes(rows, drawn)
         setpoints = envelopes(recording.setpoints, drawn)
         _ = recording.time
