@@ -171,6 +171,36 @@ def test_the_signals_of_a_running_bench_are_drawn_as_they_arrive(wheel: Wheel) -
             feed(1)
 
 
+@pytest.mark.slow
+@needs_browser
+def test_pictures_that_are_replaced_leave_nothing_in_the_page(wheel: Wheel) -> None:
+    """A change of the theme draws every picture again."""
+    session = Session(Library([wheel.recording.parent]), gw.Model())
+    session.open("0/drag", "fitted")
+    session.wait(240.0)
+    session.compare()
+    session.wait(240.0)
+    with Server(session, port=0) as server, opened_browser() as browser:
+        page = browser.new_page()
+        page.set_default_timeout(240_000)
+        page.goto(server.url)
+        browsed = page.context.new_cdp_session(page)
+
+        def nodes_after(changes: int) -> int:
+            for theme in ("dark", "light") * (changes // 2):
+                page.emulate_media(color_scheme=theme)
+                page.wait_for_function(
+                    "Bokeh.documents.length > 3 && Bokeh.documents.every((own) => own.is_idle)"
+                )
+                page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
+            browsed.send("HeapProfiler.collectGarbage")
+            return int(browsed.send("Memory.getDOMCounters")["nodes"])
+
+        page.wait_for_selector("#plots[data-drawn]")
+        first = nodes_after(4)
+        assert nodes_after(16) < 1.2 * first
+
+
 @contextlib.contextmanager
 def comparison_without_end(
     wheel: Wheel, monkeypatch: pytest.MonkeyPatch

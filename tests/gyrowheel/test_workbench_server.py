@@ -15,6 +15,7 @@ from tornado.httputil import HTTPHeaders
 
 import gyrowheel as gw
 from gyrowheel.workbench import server as workbench_server
+from gyrowheel.workbench.derived import Channels
 from gyrowheel.workbench.library import Library
 from gyrowheel.workbench.server import Access, Server
 from gyrowheel.workbench.session import Session
@@ -266,3 +267,13 @@ def test_a_derived_channel_is_drawn_with_its_unit_and_the_residual_over_it(wheel
         assert "4 are shown" in json.loads(answer[1])["error"]
         ask(server, "/do/underive", {"text": text})
         assert text not in json.loads(ask(server, "/found")[1])["windows"]["over"]
+
+
+def test_a_derived_channel_that_is_removed_while_it_is_drawn_raises_nothing(wheel: Wheel) -> None:
+    channels, recording, bench = Channels(), gw.Recording.open(wheel.recording), gw.Model().bench
+    channels.add("V_x")
+    own = next(iter(channels))
+    before = channels.one(own, recording, bench).values
+    channels.remove(own.text)
+    assert channels.of(recording, bench) == {}
+    np.testing.assert_array_equal(channels.one(own, recording, bench).values, before)

@@ -105,11 +105,14 @@ class Channels:
 
     def of(self, recording: Recording, bench: Bench) -> dict[str, Envelope]:
         """Return the channels of a recording by their formulas, ready to be drawn."""
-        found = self._found.setdefault(recording, {})
-        for own in self._channels:
-            if own.text not in found:
-                found[own.text] = Envelope(own.values(recording, bench))
-        return {own.text: found[own.text] for own in self._channels}
+        return {own.text: self.one(own, recording, bench) for own in self._channels}
+
+    def one(self, own: Channel, recording: Recording, bench: Bench) -> Envelope:
+        """Return a channel of a recording, also where it was removed meanwhile."""
+        known = self._found.setdefault(recording, {})
+        if (found := known.get(own.text)) is None:
+            found = known[own.text] = Envelope(own.values(recording, bench))
+        return found
 
 
 def channel(text: str) -> Channel:

@@ -140,7 +140,7 @@ def _means(session: Session, own: Channel, keys: Sequence[str], data: WindowResi
     w, found = data.windows, np.full(len(data.windows), np.nan)
     for number, key in enumerate(keys):
         opened, mine = session.opened[key], np.flatnonzero(data.recording == number)
-        values = session.derived.of(opened.recording, session.step.model.bench)[own.text].values
+        values = session.derived.one(own, opened.recording, session.step.model.bench).values
         ends = np.searchsorted(opened.recording.time, [w.start[mine], w.start[mine] + w.duration[mine]])
         found[mine] = [float(np.mean(values[a:b])) if b > a else np.nan for a, b in ends.T]
     return [float(f"{value:.7g}") for value in found]

@@ -125,13 +125,23 @@ export function themed(figure) {
   return figure;
 }
 
+// Every figure of Bokeh listens here for a change of the resolution and never ends that, so that each one that is replaced
+// would stay in memory: one listener does the same for all that are there.
+if (window.visualViewport) {
+  visualViewport.addEventListener("resize", () => {
+    for (const view of Bokeh.index.all_views()) if (view.canvas?.resize?.()) view.request_repaint();
+  });
+  visualViewport.addEventListener = () => {};
+}
+
 // Shows a layout in a place, and forgets the one that was there.
 const drawn = {};
 export function put(place, layout) {
   const old = drawn[place];
   if (old) {
     Bokeh.documents.splice(Bokeh.documents.indexOf(old.document), 1);
-    old.ready.finally(() => old.document.clear()); // not while it is being drawn
+    // not while it is being drawn; its notifications are a view that Bokeh keeps when the document is cleared
+    old.ready.finally(() => (old.document.clear(), old.document.views_manager.clear()));
     delete drawn[place];
   }
   at(place).replaceChildren();
