@@ -149,9 +149,7 @@ class Session(Jobs):
         def work(at: Work) -> None:
             own = self.opened.get(key)
             if own is None:
-                recording = Recording.open(entry.path)
-                at.say("looking for spikes")
-                own = Opened.of(key, recording, role)
+                own = Opened.of(key, Recording.open(entry.path), role)
             self._take(replace(own, role=role), at)
 
         self._begin(f"opening {entry.name}", f"open {key}", work)

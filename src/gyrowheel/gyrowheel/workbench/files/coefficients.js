@@ -98,7 +98,7 @@ function matrix({ names, correlation }) {
       const cell = line.insertCell();
       cell.className = "figure";
       if (k >= i) return; // each pair once
-      cell.textContent = fixed(value, 2).replace("-", "−");
+      cell.textContent = fixed(value, 2);
       cell.style.background = mixed(value > 0 ? "#D55E00" : "#0072B2", css("--card"), value ** 2);
       cell.style.color = legible(cell.style.background);
     });

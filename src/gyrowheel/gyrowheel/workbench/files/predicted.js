@@ -100,7 +100,7 @@ export function showPredicted(again = false) {
         height: last ? 150 : 120, sizing_mode: "stretch_both", tools: "tap,pan,wheel_zoom,reset", toolbar_location: null, x_range: ranges[column],
         title: column ? "" : `${actuator.title}, ${UNITS[quantity][0].split(", ").at(-1)}`, // the quantity is that of the button
       });
-      if (last) figure.below[0].axis_label = title;
+      if (last) figure.below[0].setv({ axis_label: title, axis_label_text_font_size: "11px" }); // three stand side by side
       figure.below[0].ticker.desired_num_ticks = figure.left[0].ticker.desired_num_ticks = 3;
       figure.min_border_left = 40;
       const x = { field };

@@ -191,6 +191,7 @@ function axisOf(tilt_x, tilt_y) {
 }
 
 export function show() {
+  at("rotor-none").hidden = Boolean(shown());
   if (!canvas.clientWidth || !shown()) return; // its pane is not in sight
   const [wide, high] = [canvas.clientWidth * ratio(), canvas.clientHeight * ratio()].map(Math.round);
   if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
@@ -210,7 +211,8 @@ export function show() {
   if (rise) for (const a of RIBS) line([-rise, rise].map((z) => [wall * Math.cos(a), wall * Math.sin(a), z]), faint, 1);
   for (const [tip, name] of [[[1.35, 0, 0], "x"], [[0, 1.35, 0], "y"], [[0, 0, 1.3], "z"]]) {
     line([[0, 0, 0], tip], soft, 1, [3, 4]);
-    write(name, project(tip), soft);
+    const [x, y] = project(tip);
+    write(name, [name === "z" ? x - 18 * ratio() : x, y], soft); // the other side has the name of the spin axis
   }
   if (!own) return read(null, null);
   const n = axisOf(own.tilt_x, own.tilt_y);

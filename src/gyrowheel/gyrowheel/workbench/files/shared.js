@@ -90,7 +90,7 @@ export function complete(field, list, names) {
 }
 
 // A number in digits, without the sign of what is rounded to nothing.
-export const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "");
+export const fixed = (value, digits) => value.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
 
 export function element(tag, text, properties = {}) {
   const made = Object.assign(document.createElement(tag), properties);
