@@ -200,14 +200,14 @@ class History:
         """Return the states (points, numbers) of an effect along the course."""
         course = self.course
         code = _compiled(effect)
-        coefficients, active = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
+        coefficients, _ = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
         size = memory_size([effect])
         out = np.empty((len(course.points), size // 3))
         parts = max(math.ceil(course.step / (_ROUGH * self._bench.sample_period) - 1e-6), 1)
         parts = min(parts, max(_PARTS, math.ceil(course.step)))
         code.states_along(
-            coefficients, active, np.zeros(size), course.points, course.slow, course.per_row, course.start,
-            course.step, parts, out,
+            coefficients, np.zeros(size), course.points, course.slow, course.per_row, course.start, course.step, parts,
+            out,
         )  # fmt: skip
         return out
 

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 # --- kernel ---
 
+#: The one effect is active. Known when it is compiled: to ask at every point would take three times as long.
+_ACTIVE = (True,)
+
 
 @njit(cache=True, error_model="numpy")
 def instant_of_course(course: Any, slow: Any, k: int, row: int, start: float, h: float, joint: bool) -> Any:
@@ -45,31 +48,31 @@ def instant_of_course(course: Any, slow: Any, k: int, row: int, start: float, h:
 
 @njit(cache=True, error_model="numpy")
 def states_along(
-    coef: Any, active: Any, state: Any, course: Any, slow: Any, per_row: int, start: float, h: float, parts: int,
-    out: Any,
+    coef: Any, state: Any, course: Any, slow: Any, per_row: int, start: float, h: float, parts: int, out: Any
 ) -> None:  # fmt: skip
     """Fill `out` (n, states) with the states at the points of a course, `h` apart, each step in some equal `parts`.
 
     Each part takes the mean of the rates at its ends (Heun).
     """
-    joint = flexures_remember(active)
+    joint = flexures_remember(_ACTIVE)
     step, n = h / parts, law_states(state)
     at = instant_of_course(course, slow, 0, 0, start, h, joint)
-    law_starts(coef, active, state, at)
+    law_starts(coef, _ACTIVE, state, at)
     before = state.copy()
     for k in range(len(course)):
-        out[k] = state[:n]
+        for i in range(n):
+            out[k, i] = state[i]
         if k + 1 == len(course):
             break
         ahead = instant_of_course(course, slow, k + 1, (k + 1) // per_row, start, h, joint)
         for part in range(parts):
             first = at if 2 * part < parts else ahead
             last = at if 2 * (part + 1) < parts else ahead
-            law_rates(coef, active, state, first)
+            law_rates(coef, _ACTIVE, state, first)
             for i in range(n):
                 before[i] = state[i] + 0.5 * step * state[i + n]
                 state[i] += step * state[i + n]
-            law_rates(coef, active, state, last)
+            law_rates(coef, _ACTIVE, state, last)
             for i in range(n):
                 state[i] = before[i] + 0.5 * step * state[i + n]
         at = ahead

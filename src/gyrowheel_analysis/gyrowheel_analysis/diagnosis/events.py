@@ -94,7 +94,7 @@ def explain(
             return without
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
-        best = _given(problem, found, among)
+        best = _given(problem, found, among, None if best is without else best.selection.best)
         if lack_of_fit(best.problem, best.fit) > _HOPELESS * EVENT_LACK:
             return without  # no further round explains that much
         again, laws = search_events(problem, best.fit, recordings)
@@ -105,7 +105,7 @@ def explain(
         return without
     # so that the shown residual is free of events
     cleared = best.problem.without_events(best.fit)
-    selection = select(cleared)
+    selection = select(cleared, best.selection.best)
     return Outcome(
         cleared,
         selection,
@@ -115,10 +115,10 @@ def explain(
     )
 
 
-def _given(problem: Problem, found: list[Found], among: Sequence[Term] | None) -> Outcome:
-    """Return effects and free form, given events."""
+def _given(problem: Problem, found: list[Found], among: Sequence[Term] | None, start: Fit | None) -> Outcome:
+    """Return effects and free form, given events; the selection begins with the terms of `start`, by default none."""
     with_events = problem.with_events(all_of(found)).with_drift_estimated()
-    selection = select(with_events)
+    selection = select(with_events, start)
     return Outcome(with_events, selection, search(with_events, selection, among=among), found)
 
 

@@ -132,7 +132,7 @@ def _with_memory(first: Prepared, progress: Progress | None) -> tuple[Problem, S
     if _has_memory(selection.best):
         # a time or way of a law that is not the usual one looks like drift until it is fitted
         problem = problem.with_drift_estimated(selection.best)
-        selection = select(problem, progress=progress)
+        selection = select(problem, selection.best, progress=progress)
     return problem, selection
 
 
@@ -243,7 +243,7 @@ def _explained(
     weighed, weighed_by = own.reweighed(selection.best), None
     if weighed is not own:
         weighed_by = selection.best
-        selection = select(weighed.problem, progress=progress)
+        selection = select(weighed.problem, selection.best, progress=progress)
     if below is None:
         outcome = explain(weighed.problem, selection, recordings, progress, among)
     else:

@@ -94,8 +94,10 @@ def expected_chi2(problem: Problem) -> float:
     return len(problem.measured) - fitted
 
 
-def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
+def select(problem: Problem, start: Fit | None = None, *, progress: Progress | None = None) -> Selection:
     """Select the terms that are missing in the model.
+
+    The selection begins with the terms of `start`, those selected under a noise that hardly differs, by default none.
 
     A term is selected if it lowers chi-squared by the threshold and, for the error of a bench parameter, if the
     parameter then lies beyond five of its stated uncertainties. An effect of the model is a candidate like any other:
@@ -111,6 +113,9 @@ def select(problem: Problem, *, progress: Progress | None = None) -> Selection:
     null = problem.fit(())
     dof = max(expected_chi2(problem), 1.0)
     current, searching = null, _MOST_SEARCHES
+    if start is not None and start.terms:
+        current = problem.fit(start.terms, start)
+        current = _eliminated(problem, _swapped(problem, current, pool), current.chi2_rows / dof)
     while True:
         if searching:
             current = _extended(problem, current, pool, dof, say)
