@@ -17,7 +17,7 @@ from gyrowheel_analysis.channels import DRIFTS
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.diagnosis import explanation, kept_explanation
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
-from gyrowheel_analysis.diagnosis.explanation import Explanation, unexplained
+from gyrowheel_analysis.diagnosis.explanation import Explanation, SearchEnded, unexplained
 from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.fitting.preparation import Prepared, prepare
@@ -89,6 +89,29 @@ def test_comparison_diagnosis_and_addition_share_one_search(
     monkeypatch.setattr(cache, "read", lambda name: None)
     assert facts(diagnose([recording], Model(BENCH), validate=[unused])) == facts(with_unused)
     assert len(searches) == 2
+
+
+def _ends_at(step: str) -> Callable[[str], None]:
+    def progress(text: str) -> None:
+        if text.startswith(step):
+            raise SearchEnded
+
+    return progress
+
+
+def test_a_search_that_ends_early_reports_what_it_has_and_is_not_kept(
+    recording: Recording, searches: list[int]
+) -> None:
+    early = diagnose([recording], Model(BENCH), progress=_ends_at("comparing with forms"))
+    whole = diagnose([recording], Model(BENCH))
+    assert (early.ended, whole.ended) == (True, False)
+    assert [f.name for f in early.effects] == [f.name for f in whole.effects] == ["aero_cross"]
+    assert len(searches) == 2
+
+
+def test_a_search_that_ends_before_anything_is_selected_is_interrupted(recording: Recording) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        diagnose([recording], Model(BENCH), progress=_ends_at("aero_cross"))
 
 
 def _with_event(recording: Recording) -> Recording:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from typer.testing import CliRunner
 
 from gyrowheel.cli.app import app
 from gyrowheel.simulation.scenario import noise_seed
+from gyrowheel_analysis.diagnosis import explanation, kept_explanation
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
@@ -420,6 +422,22 @@ def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_pa
     assert "next_test" in result
     assert result["schema"] == 1
     assert [effect["name"] for effect in result["effects"]] == ["windage"]
+
+
+def test_ctrl_c_ends_a_search_with_what_it_has(
+    gyrowheel: Shell, wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    # no search of another test
+    monkeypatch.setattr(kept_explanation, "_key", lambda *_: f"key_of_{tmp_path.name}")
+    monkeypatch.setattr(explanation, "_explained", interrupted)
+    shown = gyrowheel("diagnose", wheel.recording, "--model", wheel.model)
+    assert shown.code == 130
+    assert "drag of the air on the spin" in shown.out
+    assert "The search ended early" in shown.out
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 # ---- the model file

@@ -7,10 +7,12 @@ import functools
 import itertools
 import os
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 import typer
@@ -31,6 +33,8 @@ CUT_OFF = 141
 _LIMITS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 _NUMBERS = {"int": "whole numbers", "float": "numbers"}
 _BLIND = "--blind"
+_COMPILER = ("numba.", "llvmlite.")  # as names of its modules begin
+_AGAIN = 0.05  # s, after which it is looked at again whether the compiler works
 _TRAILING = re.compile(r" +$", re.MULTILINE)
 
 #: Shows a line of progress.
@@ -271,6 +275,40 @@ def working(first: str) -> Iterator[Say]:
         return
     with console.status(first) as status:
         yield lambda text: status.update(f"{first}: {text}")
+
+
+@contextlib.contextmanager
+def ending(early: type[KeyboardInterrupt]) -> Iterator[None]:
+    """Let the first Ctrl-C raise `early`; the next one interrupts as usual."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGALRM)}
+    if before[signal.SIGINT] is not signal.default_int_handler:  # ignored, or handled elsewhere
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if _compiles(frame):  # one that is interrupted cannot compile again in this process
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+            return
+        raise early
+
+    for number in before:
+        signal.signal(number, end)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _compiles(frame: FrameType | None) -> bool:
+    """Whether a frame, or one that called it, is of the compiler."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).startswith(_COMPILER):
+            return True
+        frame = frame.f_back
+    return False
 
 
 @contextlib.contextmanager

@@ -109,7 +109,7 @@ def findings(result: Diagnosis) -> Iterator[RenderableType]:
     colour = _COLOURS.get(result.verdict, "")
     verdict = Text(verdict_sentence(result), style="bold")
     yield Panel(Group(verdict, proof_line(result.proof, result.error)), border_style=colour, expand=False)
-    if left := left_sentences(result.proof, result.rejected):
+    if left := left_sentences(result.proof, result.rejected, ended=result.ended):
         yield heading("What is left")
         yield from sentences(left)
     if told := [text for text in map(tie_of_event, result.events) if text]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gyrowheel.cli.console import BAD_INPUT, finding, notes, put, warn_of_changes, working
+from gyrowheel.cli.console import BAD_INPUT, ending, finding, notes, put, warn_of_changes, working
 from gyrowheel.cli.options import (
     Averages,
     ErrorPicture,
@@ -44,12 +44,16 @@ def diagnose(
     picture: ErrorPicture = None,
     json: Json = None,
 ) -> None:
-    """Find which effect a model lacks, with the evidence, the alternatives and the detection limits."""
+    """Find which effect a model lacks, with the evidence, the alternatives and the detection limits.
+
+    Ctrl-C ends a long search with what it has found.
+    """
     import gyrowheel as gw
     from gyrowheel.diagnosis.page import following
     from gyrowheel.recordings.api import noted_machine
     from gyrowheel.recordings.inputs import opened_apart
     from gyrowheel.show.layout import commands
+    from gyrowheel_analysis.diagnosis.explanation import SearchEnded
 
     loaded, interrupted = gw.Model.load(model), False
     early = settled_only(until, follow, "--follow")
@@ -62,11 +66,12 @@ def diagnose(
         recordings = [recording]
     else:
         recordings, unused = opened_apart(directories, validate or ())
-        with working("diagnosing") as say:
+        with working("diagnosing") as say, ending(SearchEnded):
             result = gw.diagnose(
                 recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
             )
         warn_of_changes([*recordings, *unused])
+        interrupted = result.ended
     if result.setup or result.misstated:
         put(result, json)
         raise typer.Exit(BAD_INPUT)

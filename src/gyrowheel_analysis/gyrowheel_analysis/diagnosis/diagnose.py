@@ -101,7 +101,7 @@ def diagnose(
     mixed : bool
         Whether recordings of different machines are allowed; if not, their inertias must agree.
     progress : callable, optional
-        Called with a line of text for each step.
+        Called with a line of text for each step. If it raises `SearchEnded`, the search ends with what it has.
     """
     began = clock.monotonic()
     say = progress or (lambda text: None)
@@ -122,7 +122,7 @@ def diagnose(
             explanation = supported(explanation_of(first, recordings, progress), validate)
             say("judging ties, limits and the next test")
             found = _judged(explanation, recordings, validate)
-            if _leaves_something(found):
+            if _leaves_something(found) and not found.ended:
                 say("fitting a map of the missing torque")
                 if (corrected := correct(explanation, tuple(paths))) is not None:
                     found = _with_map(found, corrected, validate)
@@ -164,6 +164,11 @@ def _judged(
     unexplained = verdict in ("nothing_missing", "insufficient_data") or _failed(proof)
     if (explanation.rejected or explanation.laws) and unexplained:
         verdict = "unknown"
+    if explanation.ended:
+        if verdict == "nothing_missing":
+            verdict = "insufficient_data"
+        elif _failed(proof) or max(problem.noise.scales.values(), default=1.0) > DRIFT_OR_MAP:
+            verdict = "unknown"
     events, turned = by_attitude(events, [*recordings, *validate])
     if turned and verdict in ("nothing_missing", "insufficient_data"):
         verdict = "ambiguous"
@@ -191,6 +196,7 @@ def _judged(
         hum_unknown=readings.hum_unknown,
         proof=proof,
         beyond=tuple(far),
+        ended=explanation.ended,
         lack_of_fit=lack,
         nuisance=nuisance_estimates(problem, best),
         drift_scales=dict(problem.noise.scales),

@@ -34,6 +34,10 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
 
 
+class SearchEnded(KeyboardInterrupt):
+    """Ends a search with what it has: raised by `progress`, or by a handler of a signal."""
+
+
 @dataclass(frozen=True)
 class Explanation:
     """The explanation of recordings: effects, an optional free form, and events.
@@ -41,7 +45,7 @@ class Explanation:
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
     `weighed_by` is the fit whose machine the noise is of, None for that of the bench as stated. `rejected` are terms
     that were found and make the prediction of unused data worse. `laws` are functions of the motion
-    that look like events, and that nothing found describes.
+    that look like events, and that nothing found describes. `ended` is whether `SearchEnded` ended the search early.
     """
 
     fitted: Prepared
@@ -52,6 +56,7 @@ class Explanation:
     weighed_by: Fit | None = None
     rejected: tuple[str, ...] = ()
     laws: tuple[MotionLaw, ...] = ()
+    ended: bool = False
 
     def validated_by(self, validation: Prepared | None) -> Explanation:
         """Return the explanation with recordings for validation, which have the same noise."""
@@ -88,13 +93,31 @@ def unexplained(first: Prepared) -> Explanation:
 def explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
     """Return the explanation of prepared recordings, with the noise that it leaves.
 
+    `SearchEnded` ends the search with the explanation found so far, once the first effects are selected.
+    """
+    selection = select(first.problem, progress=progress)
+    found = [Explanation(first, first, selection, None, [])]
+    try:
+        return _searched(first, selection, recordings, progress, found)
+    except SearchEnded:
+        return replace(found[-1], ended=True)
+
+
+def _searched(
+    first: Prepared,
+    selection: Selection,
+    recordings: Sequence[Recording],
+    progress: Progress | None,
+    so_far: list[Explanation],
+) -> Explanation:
+    """Return the explanation of prepared recordings, of which some effects without a memory are selected.
+
     Effects with a memory are candidates where one of them roughly gains enough, or where those of an instant leave
     something. One of them is taken if it makes the recordings likelier than all that explains them without it; a free
     form must be likelier than the law. Events and forms are not sought where a law with a memory explains very much and
     leaves nothing. Where a form without a memory leaves nothing, one law with a memory must nearly reach it alone, and
-    what remembers must beat it without events.
+    what remembers must beat it without events. Explanations are added to `so_far` as they are found.
     """
-    selection = select(first.problem, progress=progress)
     remembering, other = None, None
     remembers = _remembers(first.problem, selection.best, selection.inflation)
     if remembers and _explains_most(first.problem, selection):
@@ -105,6 +128,7 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
             if _has_memory(other.best) and not _leaves_something(other) and gain > MEMORY_ALONE:
                 return other
     found = _explained(first, first.problem, selection, recordings, progress)
+    so_far.append(found)
     closed = found.proposal is not None and not _is_open(found)
     if remembering is None:
         if not (remembers or (_leaves_something(found) and _may_remember(found)) or _lags(found)):

@@ -54,7 +54,7 @@ def explanation_of(
             return found.validated_by(prepared.validation)
     began = time.monotonic()
     found = explained(first, recordings, progress)
-    if time.monotonic() - began > _WORTH:
+    if time.monotonic() - began > _WORTH and not found.ended:
         with contextlib.suppress(*UNREADABLE):
             cache.write(name, _Writer(first).dumped((found, first.problem.prediction.known)))
             cache.keep_latest(_PREFIX, _MOST, _BYTES)

@@ -88,6 +88,8 @@ class Diagnosis:
         Whether the findings predict data that were not fitted; None for ``insufficient_data``.
     beyond : tuple of Beyond
         Impossible or unusual values, the gravest first.
+    ended : bool
+        Whether the search was ended early (`SearchEnded`): what it did not compare may explain the recordings better.
     lack_of_fit : float
         Excess of chi-squared of the fit over its expectation, in standard deviations.
     nuisance : dict of str to NuisanceEstimate
@@ -127,6 +129,7 @@ class Diagnosis:
     misstated: tuple[Misstated, ...] = ()
     proof: Proof | None = None
     beyond: tuple[Beyond, ...] = ()
+    ended: bool = False
     lack_of_fit: float = 0.0
     nuisance: dict[str, NuisanceEstimate] = field(default_factory=dict)
     drift_scales: dict[str, float] = field(default_factory=dict)

@@ -30,6 +30,8 @@ _MOST_TERMS = 4  # without instruments
 _MOST_INSTRUMENTS = 5
 _MOST_SEARCHES = 6  # after which terms that fail are only removed
 _SHORTLIST = 5
+#: Part of the gain of another term below which the linear gain of one without shapes rules it out without a fit.
+_FAR_LESS = 0.5
 _EXACT = 10  # foremost candidates whose gain is computed at the fit
 
 Progress = Callable[[str], None]
@@ -153,9 +155,11 @@ def unsupported(
 def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, say: Progress) -> Fit:
     """Add terms until no further one reaches the threshold."""
     while able := _further(current, pool):
-        tried = []
+        tried: list[tuple[Fit, Term]] = []
         for gain, term in rank(problem, current, able)[:_SHORTLIST]:
-            if gain > 0.4 * threshold(term, 1.0):
+            most = current.chi2 - min((fit.chi2 for fit, _ in tried), default=current.chi2)
+            shaped = len(term.coefficients) > len(term.amplitudes)
+            if gain > 0.4 * threshold(term, 1.0) and (shaped or gain > _FAR_LESS * most):
                 fit = problem.fit((*current.terms, term), current)
                 if implausible(problem, fit) is None:
                     tried.append((fit, term))

@@ -59,9 +59,11 @@ def proof_line(proof: Proof | None, table: ErrorTable | None = None) -> Text:
     return Text(proof_sentence(proof, table), style=f"bold {colour}".strip())
 
 
-def left_sentences(proof: Proof | None, rejected: Sequence[str] = ()) -> list[str]:
-    """Return what is left in the channels that fail, and what is not offered for it."""
+def left_sentences(proof: Proof | None, rejected: Sequence[str] = (), *, ended: bool = False) -> list[str]:
+    """Return what is left in the channels that fail, what is not offered for it, and whether the search ended early."""
     said = []
+    if ended:
+        said.append("The search ended early: events, laws with a memory and free forms may explain more.")
     if rejected:
         verb = "make" if len(rejected) > 1 else "makes"
         names = listed(list(rejected), "and")
