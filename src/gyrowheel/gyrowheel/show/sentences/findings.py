@@ -28,7 +28,7 @@ _PARTS = {
     "encoder_twice_x": "twice a turn, cosine part",
     "encoder_twice_y": "twice a turn, sine part",
 }
-_NAMES = READINGS | {"temperature": "temperatures", "pressure": "air pressure"}
+_NAMES = READINGS | {"temperature": "temperature reading", "pressure": "air pressure"}
 _REMARKS = {
     "": "",
     "sampled": "; the angle of the shaft follows: the samples are taken when the stamps say",
