@@ -212,8 +212,12 @@ def _leaves_something(found: Diagnosis) -> bool:
     """
     names = {f.name for f in found.effects} | {f.name for f in found.instruments}
     open_to_drift = not (names or found.free_form) or names & remembering().keys()
-    if open_to_drift and max(found.drift_scales.values(), default=1.0) > DRIFT_OR_MAP:
+    drifts = max(found.drift_scales.values(), default=1.0) > DRIFT_OR_MAP
+    if open_to_drift and drifts:
         return True
+    proven = found.proof is not None and found.proof.proven
+    if found.free_form and proven and not (drifts or found.beyond or found.lack_of_fit > CHI2_RANGE):
+        return False  # the form describes all
     return found.verdict == "unknown" or (found.proof is not None and _failed(found.proof))
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from gyrowheel_analysis.criteria import STATED_RANGE
 from gyrowheel_analysis.fitting.fit import Fit
@@ -169,7 +169,7 @@ class _Normal:
 
 def _cost(matrix: Array, vector: Array, deviations: Array) -> tuple[float, Array]:
     root = np.linalg.cholesky(np.eye(len(vector)) + deviations[:, None] * matrix * deviations)
-    inverse = np.linalg.inv(root)
+    inverse = solve_triangular(root, np.eye(len(root)), lower=True, check_finite=False)
     best = inverse.T @ (inverse @ (deviations * vector))
     spread = np.einsum("ij,ij->j", inverse, inverse)
     cost = 2.0 * float(np.log(np.diag(root)).sum()) - float((deviations * vector) @ best)
