@@ -163,13 +163,12 @@ def forms() -> tuple[Term, ...]:
     """Return the family of free forms; exponents, edges, places and times in them are fitted."""
     result = []
     of_speed, of_tilt = "speed", "tilt"
-    for order in (-3, -2, -1, 0, 2, 3):
-        direction = _u**order if order >= 0 else sp.conjugate(_u) ** (-order)
-        shape = direction if order else _square
+    for order in (-3, -2, -1, 2, 3):
+        direction = _u**order if order > 0 else sp.conjugate(_u) ** (-order)
         for q in (0, 2):
-            text = f"torque with {order} times the direction of the tilt, |tilt|^{abs(order) or 2}, speed^q"
-            name = f"lobes_{order}_{q}".replace("-", "m")
-            result.append(_form(name, text, "rotor_torque", shape * _r**_q, _exponent("q", q, of_speed)))
+            text = f"torque with {order} times the direction of the tilt, |tilt|^{abs(order)}, speed^q"
+            name, power = f"lobes_{order}_{q}".replace("-", "m"), _exponent("q", q, of_speed)
+            result.append(_form(name, text, "rotor_torque", direction * _r**_q, power))
     for k, q in ((1, 1), (1, 3), (1, 4), (0, 0), (0, 2), (2, 0), (2, 2), (3, 1), (5, 0), (5, 2)):
         exponents = _exponent("k", k, of_tilt), _exponent("q", q, of_speed)
         shape = _u * (_square + _TINY) ** ((_k - 1) / 2) * _r**_q
@@ -199,6 +198,11 @@ def forms() -> tuple[Term, ...]:
         begins = _shape("p", edge, 0.04, "tilt where it begins over the reference tilt")
         text = "torque along the tilt beyond an edge"
         result.append(_form(f"dead_zone_{edge:g}", text, "rotor_torque", zone, begins))
+    for q in (0, 2):
+        exponents = _exponent("k", 2, of_tilt), _exponent("q", q, of_speed)
+        shape = (_square + _TINY) ** (_k / 2) * _r**_q
+        text = "torque in a direction that is fixed in the case, |tilt|^k, speed^q"
+        result.append(_form(f"fixed_tilt_{q}", text, "rotor_torque", shape, *exponents))
     for q in (1, 2, 3):
         power = _exponent("q", q, of_speed)
         text = "torque in a direction that is fixed in the case, speed^q"
@@ -429,6 +433,7 @@ def memory_forms() -> tuple[Term, ...]:
                     late * _u,
                     "",
                 ),
+                ("fixed", "torque in a direction that is fixed in the case", "rotor_torque", late, ""),
                 ("coil_gain", "change of the torque per volt of the coils", "coil_gain", late, "gain"),
             ):
                 name, text = f"{changes}_{drives}_{time:g}", f"{text} that lags behind {behind}"
