@@ -82,22 +82,24 @@ def onset(
         return padded - basis @ (basis.conj().T @ padded)
 
     values = left_of(series.values)
-    step = np.diff(series.time, prepend=series.time[0])[:, None]
-    on = np.clip((series.time[:, None] - at) / np.maximum(step, 1.0e-9), 0.0, 1.0)
-    if other is not None:
-        on = on - np.clip((series.time[:, None] - other) / np.maximum(step, 1.0e-9), 0.0, 1.0)
-    columns = series.change[:, None] * on
-    if series.of_rate:
-        columns = np.cumsum(columns * step, axis=0)
+    changes = _Changes.of(series, at)
     # projected columns are needed for their sizes alone: the projected values are orthogonal to the removed parts
-    along = np.conj(values[:points].conj() @ columns)
+    rows = np.column_stack([values[:points], basis[:points]])
+    along, whole = changes.products(rows), changes.squares()
+    back: NDArray[np.complex128] | None = None
+    if other is not None:
+        ended = _Changes.of(series, np.array([other]))
+        back = ended.column(0)
+        along = along - ended.products(rows)
+        whole = whole + ended.squares() - 2.0 * changes.products(back[:, None])[:, 0].real
+    along, shared = along[:, 0].conj(), (np.abs(along[:, 1:]) ** 2).sum(axis=1)
     if len(quantities) == 1:
         along = np.real(along)
-    whole, shared = _squares(columns), _squares(basis[:points].conj().T @ columns)
     square = np.where(whole - shared > _SHARED * whole, whole - shared, np.inf)
     gains = np.abs(along) ** 2 / square
     best = int(np.argmax(gains))
-    left = (values - left_of(columns[:, best]) * along[best] / square[best])[:points]
+    column = changes.column(best) - (0.0 if back is None else back)
+    left = (values - left_of(column) * along[best] / square[best])[:points]
     noise = _noise(left)
     # a maximum at an end of the range is something else
     if gains[best] < ONSET_GAIN * noise or not 0 < best < len(at) - 1:
@@ -106,9 +108,58 @@ def onset(
     return float(at[best]), max(0.5 * float(np.count_nonzero(likely)) * _STEP, 2.0 * _STEP)
 
 
-def _squares(columns: NDArray[np.complex128]) -> Array:
-    """Return the squares of the lengths of columns."""
-    return np.asarray(sum(np.einsum("nk,nk->k", part, part) for part in (columns.real, columns.imag)))
+@dataclass(frozen=True)
+class _Changes:
+    """The change of a series, per unit, from each of some instants on: columns that are formed one by one only.
+
+    `unit` (n,) is what each point adds, to its value or, if `of_rate`, to that of all later ones; `place` (m,) are the
+    first points after the instants, which have `part` (m,) of it.
+    """
+
+    unit: NDArray[np.complex128]
+    of_rate: bool
+    place: NDArray[np.intp]
+    part: Array
+
+    @classmethod
+    def of(cls, series: _Series, at: Array) -> _Changes:
+        """Return the changes from the instants `at` (m,) [s] on."""
+        step = np.maximum(np.diff(series.time, prepend=series.time[0]), 1.0e-9)
+        place = np.minimum(np.searchsorted(series.time, at, side="right"), len(step) - 1)
+        part = np.clip((series.time[place] - at) / step[place], 0.0, 1.0)
+        return cls(series.change * step if series.of_rate else series.change, series.of_rate, place, part)
+
+    def column(self, number: int) -> NDArray[np.complex128]:
+        """Return one of the columns (n,)."""
+        on = np.zeros(len(self.unit))
+        on[self.place[number]] = self.part[number]
+        on[self.place[number] + 1 :] = 1.0
+        return np.cumsum(self.unit * on) if self.of_rate else self.unit * on
+
+    def products(self, rows: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the inner products (m, k) of rows (n, k) with the columns."""
+        weights = rows.conj()
+        if self.of_rate:
+            weights = _from_end(weights)
+        terms = weights * self.unit[:, None]
+        return _from_end(terms)[self.place] - (1.0 - self.part[:, None]) * terms[self.place]
+
+    def squares(self) -> Array:
+        """Return the squares of the lengths of the columns (m,)."""
+        if not self.of_rate:
+            own = np.abs(self.unit) ** 2
+            return np.asarray(_from_end(own)[self.place] - (1.0 - self.part**2) * own[self.place])
+        total = np.cumsum(self.unit)
+        total -= total.mean()
+        before = total[self.place] - self.part * self.unit[self.place]
+        later = len(total) - self.place
+        squares, sums = _from_end(np.abs(total) ** 2)[self.place], _from_end(total)[self.place]
+        return np.asarray(squares - 2.0 * (before.conj() * sums).real + later * np.abs(before) ** 2)
+
+
+def _from_end(values: Any) -> Any:
+    """Return the sums of values (n, ...) from each on to the last."""
+    return np.cumsum(values[::-1], axis=0)[::-1]
 
 
 def _noise(left: NDArray[np.complex128]) -> float:
