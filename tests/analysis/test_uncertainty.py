@@ -9,6 +9,7 @@ import pytest
 
 import gyrowheel as gw
 from gyrowheel_analysis.diagnosis import uncertainty
+from gyrowheel_analysis.diagnosis.estimates import ErrorParts
 from gyrowheel_analysis.diagnosis.uncertainty import error_parts
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.preparation import prepare
@@ -35,6 +36,13 @@ def test_noise_and_bench_make_the_standard_error(braked: tuple[Problem, Fit]) ->
     assert 0.0 < parts.noise < parts.bench
     low, high = parts.interval
     assert high - low == pytest.approx(2 * 1.96 * math.hypot(parts.noise, parts.bench, parts.undetected))
+
+
+def test_the_interval_holds_with_and_without_undetected_effects() -> None:
+    parts = ErrorParts(noise=0.3, bench=0.4, undetected=0.5, value=10.0, middle=12.0)
+    low, high = parts.interval
+    assert low == pytest.approx(10.0 - 1.96 * 0.5)
+    assert high == pytest.approx(12.0 + 1.96 * math.sqrt(0.5))
 
 
 def test_a_look_alike_that_would_not_show_widens_the_interval_to_the_truth(

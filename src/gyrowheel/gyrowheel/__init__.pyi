@@ -49,6 +49,7 @@ from gyrowheel.torque_budget.api import Torques as Torques
 from gyrowheel.torque_budget.api import torques as torques
 from gyrowheel.trends.api import Trend as Trend
 from gyrowheel.trends.api import trend as trend
+from gyrowheel_analysis.diagnosis.explanation import SearchEnded as SearchEnded
 from gyrowheel_core.errors import InputError as InputError
 
 __version__: str

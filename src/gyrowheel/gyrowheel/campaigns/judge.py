@@ -9,7 +9,7 @@ from typing import Any, Literal
 from gyrowheel.blind_tests.judge import Outcome, imitated, judge_names
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hidden import Secret
-from gyrowheel_analysis.diagnosis.estimates import Estimate
+from gyrowheel_analysis.diagnosis.estimates import INTERVAL_95, Estimate
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
@@ -340,7 +340,8 @@ def _interval(name: str, estimate: Estimate, truth: float) -> Interval:
     """Return the stated interval of a coefficient, from all its uncertainties."""
     if estimate.parts is None:
         return Interval(name, estimate.value, estimate.standard_error, truth)
-    return Interval(name, estimate.parts.middle, estimate.parts.deviation, truth)
+    low, high = estimate.parts.interval
+    return Interval(name, 0.5 * (low + high), (high - low) / (2.0 * INTERVAL_95), truth)
 
 
 def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:

@@ -136,7 +136,7 @@ def diagnose(
     mixed : bool
         Join recordings that state different machines.
     progress : callable, optional
-        Called with a line of text now and then.
+        Called with a line of text now and then. If it raises `SearchEnded`, the search ends with what it has found.
 
     Raises
     ------

@@ -53,7 +53,6 @@ def diagnose(
     from gyrowheel.recordings.api import noted_machine
     from gyrowheel.recordings.inputs import opened_apart
     from gyrowheel.show.layout import commands
-    from gyrowheel_analysis.diagnosis.explanation import SearchEnded
 
     loaded, interrupted = gw.Model.load(model), False
     early = settled_only(until, follow, "--follow")
@@ -66,7 +65,7 @@ def diagnose(
         recordings = [recording]
     else:
         recordings, unused = opened_apart(directories, validate or ())
-        with working("diagnosing") as say, ending(SearchEnded):
+        with working("diagnosing") as say, ending(gw.SearchEnded):
             result = gw.diagnose(
                 recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
             )

@@ -116,6 +116,7 @@ def diagnosis_json(found: Diagnosis) -> dict[str, Any]:
         "where": [_region(region) for region in found.where],
         "next_test": None if test is None else _picked(test, "plan expected_separation minutes"),
         "proof": proof_json(found.proof, found.error),
+        "ended": found.ended,
         "beyond": [
             {key: value if value != math.inf else None for key, value in asdict(item).items()}
             for item in found.beyond

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from gyrowheel_analysis.fitting.fit import Prior
 
-_RANGE = 1.96  # standard deviations of a 95 % interval
+#: Standard deviations of a 95 % interval, on either side.
+INTERVAL_95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class ErrorParts:
         Of the uncertainties of the bench and of known effects; with `noise` it is the standard error.
     undetected : float
         Of effects that these recordings would not show.
+    value : float
+        The estimate without undetected effects.
     middle : float
         The estimate if the undetected effects have their likeliest sizes.
     """
@@ -31,6 +34,7 @@ class ErrorParts:
     noise: float
     bench: float
     undetected: float
+    value: float
     middle: float
 
     @property
@@ -40,8 +44,9 @@ class ErrorParts:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval from all three."""
-        return self.middle - _RANGE * self.deviation, self.middle + _RANGE * self.deviation
+        """The 95 % interval from all three; it holds whether or not there are undetected effects."""
+        none, some = INTERVAL_95 * math.hypot(self.noise, self.bench), INTERVAL_95 * self.deviation
+        return min(self.value - none, self.middle - some), max(self.value + none, self.middle + some)
 
 
 @dataclass(frozen=True)

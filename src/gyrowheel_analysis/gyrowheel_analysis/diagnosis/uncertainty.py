@@ -20,7 +20,7 @@ def error_parts(problem: Problem, fit: Fit) -> dict[tuple[str, str], ErrorParts]
 
     Everything is linear about the fit. An effect that was not found may be there with a size below its detection limit.
     All of them are nuisance parameters with a prior about zero, over which the coefficients are marginalised: the
-    standard errors grow, and the middle of the interval moves with their likeliest sizes.
+    standard errors grow, and the estimate moves with their likeliest sizes.
     """
     inverse, _ = problem.unknowns.prior(fit.terms)
     own = problem.noise.whiten(fit.jacobian)
@@ -40,6 +40,7 @@ def error_parts(problem: Problem, fit: Fit) -> dict[tuple[str, str], ErrorParts]
             noise=min(noise, error),
             bench=math.sqrt(max(error**2 - noise**2, 0.0)),
             undetected=math.sqrt(max(float(whole[first + k]) - error**2, 0.0)),
+            value=fit.coefficients[term][name],
             middle=fit.coefficients[term][name] + float(step[first + k]),
         )
     return parts

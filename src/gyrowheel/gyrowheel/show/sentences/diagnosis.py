@@ -197,7 +197,7 @@ def _verdict(found: Diagnosis) -> str:
 def _nothing(found: Diagnosis, *, also: bool = False) -> str:
     explained = "the model explains the recordings within noise and stated uncertainties."
     hidden = dict.fromkeys(limit.effect for limit in found.limits if not limit.visible)
-    nothing = "Besides, nothing" if found.events or also else "Nothing"
+    nothing = "Besides, nothing" if found.events or found.drift_shapes or also else "Nothing"
     if not hidden:
         return f"{nothing} is missing: {explained}"
     return f"{nothing} shows: {explained} {_some(list(hidden))} of a usual size could hide in them."
