@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 _MOST_NAMED = 4  # effects that a line names; of more it gives the number
 
+#: Uses of a bench, and the quantity whose mean shows an error in each.
+_USES = {"pointing": "coil_torque", "mean power": "motor_torque"}
+
 
 def decision(report: ReportContent, cells: Cells) -> list[dict[str, Any]]:
     """Return the lines of page one: questions, each with its answers; the page has `proved` first in the second."""
@@ -82,7 +85,7 @@ def _sure(report: ReportContent) -> list[str]:
         f"These recordings cannot tell {name} from {listed(ties, 'or')}." for name, ties in tied.items()
     ]
     if found.effects and not tied:
-        lines.append("No other known effect explains these recordings as well.")
+        lines.append("No other known effect explains these recordings equally well.")
     hidden = sorted({limit.effect for limit in found.limits if not limit.visible})
     if len(hidden) > _MOST_NAMED:
         lines.append(
@@ -133,8 +136,13 @@ def _meaning(report: ReportContent) -> list[str]:
         lines += _consequence(report, name, error)
     if not lines:
         lines.append("The model predicts these recordings to their noise: nothing needs to be corrected.")
-    elif not any(LISTED[name].group == "average" for name in _above_noise(table)):
-        lines.append("Pointing and mean power are not affected beyond the noise of these recordings.")
+    else:
+        means = {LISTED[name].quantity for name in _above_noise(table) if LISTED[name].group == "average"}
+        spared = [of for of, quantity in _USES.items() if quantity not in means]
+        if spared:
+            verb = "are" if len(spared) > 1 else "is"
+            subject = _as_begin(listed(spared, "and"))
+            lines.append(f"{subject} {verb} not affected beyond the noise of these recordings.")
     return lines
 
 
@@ -171,7 +179,7 @@ def _consequence(report: ReportContent, name: str, size: float) -> list[str]:
         drift = size / (bench.value("rotor_inertia_z") * slow)
         rate, speed = short(drift / DEG), short(slow / RPM)
         return [
-            f"Not corrected, a torque of that size makes a free spin axis drift by {rate} °/s at {speed} rpm."
+            f"Without a correction, a torque of that size makes a free spin axis drift by {rate} °/s at {speed} rpm."
         ]
     return []
 
@@ -187,8 +195,8 @@ def _advice(report: ReportContent) -> list[str]:
         lines.append(f"Use the corrected model{f', {report.latest.origin}' if saved else ''}.")
     elif found.effects and not tied:
         lines.append(
-            f"Add {listed([own.name for own in found.effects], 'and')} to the model; section How to repeat it has the "
-            "command."
+            f"Add {listed([own.name for own in found.effects], 'and')} to the model; the section “How to repeat it” "
+            "has the command."
         )
     elif found.map is not None and not found.free_form:
         lines.append("Use the map as a correction within its range, and look for its cause.")
@@ -201,7 +209,9 @@ def _advice(report: ReportContent) -> list[str]:
             if found.verdict not in ("nothing_missing", "effect")
             else "If more certainty is needed"
         )
-        lines.append(f"{why}, record the test plan {test.plan} ({test.minutes:.1f} min): it {purpose(test)}.")
+        lines.append(
+            f"{why}, record the test plan “{test.plan}” ({test.minutes:.1f} min): it {purpose(test)}."
+        )
     if not lines:
         lines.append(
             "Nothing: use the model as it is."
