@@ -43,6 +43,19 @@ def by_blocks(count: int, work: Callable[[int, int], _T], rows: int = ROWS) -> l
         return list(pool.map(work, firsts, lasts))
 
 
+def block_extremes(columns: npt.NDArray[np.float64], span: int) -> npt.NDArray[np.float64]:
+    """Return smallest and largest of every `span` values of columns (n, k), the last ones fewer: (n, 2, m).
+
+    They are NaN where a value is NaN.
+    """
+    whole = columns.shape[1] - columns.shape[1] % span
+    parts = [columns[:, :whole].reshape(len(columns), -1, span)]
+    if whole < columns.shape[1]:
+        parts.append(columns[:, None, whole:])
+    ends = [np.stack([part.min(axis=2), part.max(axis=2)], axis=1) for part in parts]
+    return np.concatenate(ends, axis=2)
+
+
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
     """Keep linear algebra on one thread: the matrices are small, and threads would only wait for each other."""

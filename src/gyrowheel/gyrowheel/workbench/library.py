@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gyrowheel.recordings.api import Recording
 from gyrowheel.show.figure import columns
 from gyrowheel.show.files import bag_head
-from gyrowheel_core.arrays import by_blocks
+from gyrowheel_core.arrays import block_extremes, by_blocks
 from gyrowheel_core.errors import InputError, nearest
 from gyrowheel_recording.bags import being_written
 from gyrowheel_recording.bags.reader import SPAN
@@ -111,16 +111,14 @@ def _extremes(columns: Sequence[Array], count: int) -> list[tuple[Array, Array]]
 
     def look(first: int, last: int) -> None:
         to = slice(first // _BLOCK, -(-last // _BLOCK))
-        whole = (last - first) // _BLOCK
-        for column, (low, high) in zip(columns, found, strict=True):
+        for column, ends in zip(columns, found, strict=True):
             part = np.ascontiguousarray(column[first:last])
-            blocks = part[: whole * _BLOCK].reshape(whole, _BLOCK)
-            for quick, careful, out in ((np.minimum, np.fmin, low[to]), (np.maximum, np.fmax, high[to])):
-                quick.reduce(blocks, axis=1, out=out[:whole])
-                out[whole:] = np.nan
+            quick = block_extremes(part[None], _BLOCK)[0]
+            for careful, values, out in zip((np.fmin, np.fmax), quick, ends, strict=True):
+                out[to] = values
                 # NaN is ignored, which is slower
-                for k in np.flatnonzero(np.isnan(out)):
-                    out[k] = careful.reduce(part[k * _BLOCK : (k + 1) * _BLOCK])
+                for k in np.flatnonzero(np.isnan(values)):
+                    out[to][k] = careful.reduce(part[k * _BLOCK : (k + 1) * _BLOCK])
 
     by_blocks(count, look)
     return found

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from gyrowheel_core import topics, wire
-from gyrowheel_core.arrays import by_blocks, picked
+from gyrowheel_core.arrays import block_extremes, by_blocks, picked
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.readings import LARGEST, POSSIBLE, READINGS, Readings, possible
 from gyrowheel_recording.bags.columns import STALL, columns, is_earlier, texts, wanted
@@ -377,9 +377,9 @@ class _Look:
         steps, between = np.diff(sequence), np.diff(stamps)
         holes = np.flatnonzero(steps > 1)
         readings = columns[-len(READINGS) :, : last - first]
-        extremes = _extremes(readings)
+        found = block_extremes(readings, SPAN)
         not_finite = 0
-        if not np.all(np.abs(extremes) <= _LIMITS[:, None, None]):
+        if not np.all(np.abs(found) <= _LIMITS[:, None, None]):
             not_finite = int(np.count_nonzero(~np.all(np.abs(readings) <= _LIMITS[:, None], axis=0)))
         return cls(
             ascending=bool(np.all(steps > 0) and np.all(between > 0)),
@@ -387,24 +387,13 @@ class _Look:
             shortest=int(between.min(initial=np.iinfo(np.int64).max)),
             longest=int(between.max(initial=0)),
             not_finite=not_finite,
-            extremes=extremes,
+            extremes=found,
         )
 
 
 def _look(samples: npt.NDArray[Any]) -> list[_Look]:
     samples = np.ascontiguousarray(samples)
     return by_blocks(len(samples), lambda first, last: _Look.at(samples, first, last), _ROWS)
-
-
-def _extremes(columns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return smallest and largest of every `SPAN` values of columns (n, k), the last ones fewer; shape (n, 2, m)."""
-    count = columns.shape[1]
-    whole = count - count % SPAN
-    parts = [columns[:, :whole].reshape(len(columns), -1, SPAN)]
-    if whole < count:
-        parts.append(columns[:, None, whole:])
-    ends = [np.stack([part.min(axis=2), part.max(axis=2)], axis=1) for part in parts]
-    return np.concatenate(ends, axis=2)
 
 
 def _require_ascending(samples: npt.NDArray[Any], where: str) -> None:
