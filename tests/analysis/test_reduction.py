@@ -150,6 +150,34 @@ def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
     assert np.mean(sizes > 4.5) < 0.01
 
 
+def test_a_speed_that_settles_in_a_window_gives_no_bias_of_its_acceleration(
+    samples: Samples, windows: Windows
+) -> None:
+    rng = np.random.default_rng(5)
+    time, noise = samples.time, BENCH.value("spin_angle_noise")
+    short = np.abs(windows.duration - 0.49) < 0.02  # right after a change of the speed
+    off = []
+    for _ in range(16):
+        sign = 1.0 if rng.random() < 0.5 else -1.0
+        angle, rate = 320.0 * time, np.full(len(time), 320.0)
+        for start in windows.start[short] - 0.3:
+            size, lasts, age = sign * rng.uniform(0.1, 0.6), rng.uniform(0.2, 0.6), time - start
+            decay = np.where(age > 0.0, np.exp(-np.maximum(age, 0.0) / lasts), 1.0)
+            angle += size * np.where(age > 0.0, lasts * (1.0 - decay), age)
+            rate += size * decay
+        readings = samples.readings.copy()
+        readings["spin_angle"][:] = angle + noise * rng.standard_normal(len(time))
+        readings["spin_rate"][:] = rate + BENCH.value("spin_rate_noise") * rng.standard_normal(len(time))
+        found = reduce(replace(samples, readings=readings), BENCH)
+        found = found.select(np.flatnonzero(np.abs(found.duration - 0.49) < 0.02))
+        begin, end = (np.interp(found.start + part * found.duration, time, rate) for part in (0, 1))
+        wrong = found.mean_spin_acceleration - (end - begin) / found.duration
+        off.extend(sign * wrong / np.sqrt(found.spin_acceleration_variance))
+    assert len(off) >= 12
+    assert abs(np.mean(off)) < 3.0 / np.sqrt(len(off))
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.3)
+
+
 #: Sizes of spikes [SI], by the reading that they are in.
 SPIKES = {
     "tilt_x": 0.02,

@@ -17,6 +17,7 @@ from gyrowheel_analysis.criteria import (
     OUTLIER_BLOCKS,
     OUTLIER_SHARE,
     RESTLESS_CURRENT,
+    STILL_SETTLING,
     TOO_FEW_TERMS,
     UNSETTLED_ANGLE,
     UNSETTLED_TILT,
@@ -226,15 +227,20 @@ def fit_window(
     if not unsettled and tail > FURTHER_TERMS:
         tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
         unsettled = beyond > 2.0 * TOO_FEW_TERMS * tilt_noise**2
-    spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
+    further, further_variance = _further(
+        turned[0, :smooth], turning_gram, turning, series[:, smooth], angle_left[:, 0], angle_noise**2
+    )
+    spin = np.polynomial.legendre.legder(np.append(turned[0, :smooth], further)) * 2.0 / duration
     if data.summed and "spin_rate" not in data.absent:
         # the integral of the speed is a random walk by its noise: the polynomial is fitted to the speed itself
         spin, speed_variance = _of_speed(readings[:, _SPIN].real, legendre[:, :-1], waves, duration)
     if unsettled or ends:
         return {"unsettled": unsettled, "left": ends, "spin": _shortened(spin)}
     # mean second derivative of the angle: difference between the ends of its slope, which is n (n + 1) / 2 at x = 1
-    slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth)]) * 2.0 / duration**2
-    slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2
+    slope = np.array([k * (k + 1) * (1 - k % 2) for k in range(smooth + 1)]) * 2.0 / duration**2
+    further_variance *= slope[smooth] ** 2
+    slope = slope[:smooth]
+    slope_variance = float(slope @ turning_gram[:smooth, :smooth] @ slope) * angle_noise**2 + further_variance
     factors = _outlier_factors(left, angle_left[:, 0], noise) if weighed else {}
     if any(part.max() > 1.0 for part in factors.values()):
         # a burst at an end of the window has more weight in a change from end to end than in the mean
@@ -344,6 +350,27 @@ def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, flo
     for term in (degree - 2, degree - 1):
         series[term] += series[term + 2 :: 2].sum()
     return np.polynomial.legendre.leg2poly(series[:degree]), variance, left
+
+
+def _further(
+    series: Array, gram: Array, design: Array, column: Any, left: Array, noise: float
+) -> tuple[float, float]:
+    """Return the next term of the Legendre series of an angle whose speed still settles, and its variance.
+
+    It is estimated where the last term of the `series` is above its noise, from the residual `left`. Its prior is the
+    term of an exponential, as the last two terms have it, with its own size as standard deviation. `column` has the
+    values of the term at the samples, `design` and `gram` are those of the fit, `noise` is the variance of a sample.
+    """
+    n = len(series) - 1
+    before, last = series[n - 1], series[n]
+    if last**2 <= STILL_SETTLING**2 * noise * gram[n, n]:
+        return 0.0, 0.0
+    # exp(k x) has terms of about k^n / (1 3 5 .. (2 n - 1))
+    expected = (2.0 * n - 1.0) / (2.0 * n + 1.0) * last**2 * before / max(before**2, last**2)
+    own = column - design @ (gram @ (design.T @ column))
+    variance = noise / float(own @ own)
+    share = expected**2 / (expected**2 + variance)
+    return expected + share * (float(own @ left) / float(own @ own) - expected), share * variance
 
 
 def _of_speed(speed: Array, legendre: Any, waves: Array, duration: float) -> tuple[Array, float]:

@@ -192,8 +192,9 @@ function against(row, side, number, ranges, all) {
   ranges.below ??= outside || split ? new Bokeh.Range1d({ start: -reach, end: reach }) : new Bokeh.DataRange1d();
   const tools = { x_range: ranges.x, tools: "tap,xbox_select,xpan,xwheel_zoom,reset", active_drag: "xbox_select" };
   // what is left gets most of the room
-  const above = figure({ ...tools, sizing_mode: "stretch_width", height: 70, y_range: ranges.above, title: side.title || `${own.title}, ${own.measured_unit}: measured (dots) and predicted (crosses)` });
+  const above = figure({ ...tools, sizing_mode: "stretch_width", height: 70, y_range: ranges.above, title: side.title || `${own.title}, ${own.measured_unit}: measured •, predicted ×` });
   above.left[0].ticker.desired_num_ticks = 2;
+  above.below[0].visible = false; // that of the residual serves both
   above.scatter({ field: "x" }, { field: "measured" }, { source, fill_color: one, ...sign(7) });
   above.scatter({ field: "x" }, { field: "predicted" }, { source, marker: "x", ...sign(9), line_color: other, line_width: 2 });
   const below = figure({ ...tools, y_range: ranges.below, title: split ? `${own.measured ? "" : `${side.title}: `}residual, ${own.unit}` : `residual, ${own.unit}, on its noise of ±1 σ` });
