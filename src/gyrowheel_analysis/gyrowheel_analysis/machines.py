@@ -173,8 +173,13 @@ class _Fit:
 
     def misfit(self, spread: float) -> float:
         """Return Cochran's Q: chi-squared about the mean, for a standard deviation between machines."""
-        weight = 1.0 / (self.variance + spread**2)
-        return float(np.sum(weight * (self.value - np.average(self.value, weights=weight)) ** 2))
+        return float(self._misfits(np.array(spread)))
+
+    def _misfits(self, spread: Array) -> Array:
+        """Return the misfits (...) of several standard deviations (...)."""
+        weight = 1.0 / (self.variance + spread[..., None] ** 2)
+        mean = weight @ self.value / weight.sum(-1)
+        return np.asarray((weight * (self.value - mean[..., None]) ** 2).sum(-1))
 
     def expected(self, spread: float) -> float:
         """Return the misfit that is expected for machines that are equal."""
@@ -185,22 +190,22 @@ class _Fit:
         """Return the likeliest standard deviation between machines; it is not above the range of the values."""
         from scipy.optimize import minimize_scalar  # takes long to load
 
-        def unlikely(spread: float) -> float:
-            """Return minus twice the restricted log likelihood."""
-            variance = self.variance + spread**2
-            return float(np.sum(np.log(variance)) + np.log(np.sum(1.0 / variance)) + self.misfit(spread))
+        def unlikely(spread: Array) -> Array:
+            """Return minus twice the restricted log likelihood of several standard deviations."""
+            variance = self.variance + spread[..., None] ** 2
+            return np.log(variance).sum(-1) + np.log((1.0 / variance).sum(-1)) + self._misfits(spread)
 
         smallest = _SMALLEST * math.sqrt(min(self.variance))
         largest = max(float(np.ptp(self.value)), smallest)
-        tried = [0.0, *np.geomspace(smallest, largest, 100), largest]
-        place = min(max(int(np.argmin([unlikely(spread) for spread in tried])), 1), 100)
+        tried = np.array([0.0, *np.geomspace(smallest, largest, 100), largest])
+        place = min(max(int(np.argmin(unlikely(tried))), 1), 100)
         found = minimize_scalar(
-            unlikely,
+            lambda spread: float(unlikely(np.array(spread))),
             bounds=(tried[place - 1], tried[place + 1]),
             method="bounded",
             options={"xatol": 1e-4 * smallest},
         )
-        return float(found.x) if unlikely(0.0) - found.fun > _ROUNDING else 0.0
+        return float(found.x) if unlikely(np.array(0.0)) - found.fun > _ROUNDING else 0.0
 
     def mean(self, spread: float) -> tuple[float, float]:
         """Return the mean of all machines with its standard error, which grows where they differ by more."""
