@@ -113,17 +113,8 @@ def diagnosed(folder: Path, name: str, *, validate: str = "") -> Diagnosis:
     return diagnose([record(folder, "fit", machine, "quick")], Model.new(), validate=others)
 
 
-#: The others are a study.
-EVERY_TIME = ("one effect",)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[] if name in EVERY_TIME else [pytest.mark.study])
-        for name in (*EFFECTS, *FORMULAS)
-    ],
-)
+@pytest.mark.study  # that of one effect is consistent where it is proven, below
+@pytest.mark.parametrize("name", [*EFFECTS, *FORMULAS])
 def test_verdict_is_consistent_with_its_findings(name: str, tmp_path: Path) -> None:
     found = diagnosed(tmp_path, name, validate="check" if name in FORMULAS else "")
     consistent(found)
@@ -233,9 +224,11 @@ def test_an_event_in_the_validation_is_named_as_the_cause(tmp_path: Path) -> Non
 
 
 def test_a_finding_is_proven_on_the_part_left_out(tmp_path: Path) -> None:
-    machine = hidden_machine(12, EFFECTS["one effect"])
+    machine = hidden("one effect")
     recording = record(tmp_path, "fit", machine, "quick")
     found = diagnose([recording], Model.new())
+    consistent(found)
+    assert [finding.name for finding in found.effects] == ["aero_cross"], verdict_sentence(found)
     assert found.proof is not None
     assert found.proof.left_out == "speed"
     assert found.proof.proven

@@ -381,7 +381,7 @@ def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_pa
     assert "Detection limits: what these recordings could not show" in shown.out
     assert f"gyrowheel model add windage --model {wheel.model} --fit {wheel.recording}" in shown.out
     result = json.loads(file.read_text())
-    coefficient = {"value": float, "standard_error": float, "unit": str}
+    coefficient = {"value": float, "standard_error": float, "unit": str, "parts": dict, "interval": [float]}
     assert_shape(
         result,
         {
