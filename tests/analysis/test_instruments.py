@@ -133,7 +133,7 @@ def test_an_effect_and_an_instrument_are_both_found(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_an_instrument_that_was_found_goes_into_the_model(plain: Recording) -> None:
-    early = changed(plain, COILS, lambda v: np.roll(v, -1))
+    early = changed(plain, (*COILS, "motor_voltage"), lambda v: np.roll(v, -1))  # that above, which is known
     added = add_effect(Model.new(), ["coil_voltage_delay"], [early])
     assert abs(added.model.effects["coil_voltage_delay"]["d"] + BENCH.sample_period) < 5.0e-5
     again = diagnose([early], added.model)

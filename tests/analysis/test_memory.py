@@ -307,7 +307,7 @@ def test_a_law_with_a_memory_is_compared_with_the_effects_that_it_resembles(
 def test_the_remanence_of_coils_is_no_damping(tmp_path: Path) -> None:
     """In a cone, what lags behind the voltages lies across the tilt, as the torque of a damping does."""
     machine = hidden_machine(141, {"coil_remanence": {"k": 2.0e-4, "tau": 5.0}})
-    found = diagnose([record(tmp_path, "run", machine, "survey")], Model.new())
+    found = diagnose([record(tmp_path, "run", machine, "quick")], Model.new())
     assert [effect.name for effect in found.effects] == ["coil_remanence"]
     for name, true in (("k", 2.0e-4), ("tau", 5.0)):
         own = found.effects[0].coefficients[name]

@@ -420,18 +420,6 @@ def timeless(done: list[Judged]) -> list[dict[str, Any]]:
     return [{**c.to_json(), "seconds": 0.0} for c in sorted(done, key=lambda c: c.index)]
 
 
-def test_a_kept_case_is_complete(alone: tuple[Path, list[Judged]]):
-    folder, done = alone
-    assert [c.index for c in done] == [0, 1]
-    assert not any(c.outcome == "failed" for c in done), [c.error for c in done]
-    for case in done:
-        kept = folder / f"case-{case.index:04d}"
-        assert {p.name for p in kept.iterdir()} == {"recording", "unused", "diagnosis.json", "key.json"}
-        assert json.loads((kept / "key.json").read_text())["effects"] == case.truth
-        assert json.loads((kept / "diagnosis.json").read_text())["verdict"] == case.verdict
-        assert case.validation is not None
-
-
 @pytest.mark.slow
 @pytest.mark.study  # the cluster below changes nothing either, and the verb's own test runs processes
 def test_several_processes_give_the_same_cases(alone: tuple[Path, list[Judged]]):
@@ -510,7 +498,7 @@ COUNTS = ("n", "detectable", "exact", "tied", "wrong")
 
 
 @pytest.mark.slow
-def test_the_verb_reports_and_keeps_the_json_contract(gyrowheel: Shell, tmp_path: Path):
+def test_the_verb_reports_keeps_the_json_contract_and_complete_cases(gyrowheel: Shell, tmp_path: Path):
     plan, other = write(tmp_path / "plan.yaml", DRAG_PLAN), write(tmp_path / "other.yaml", OTHER_PLAN)
     arguments = ["campaign", "--plan", plan, "--validation-plan", other, "--cases", 40, "--jobs", 1]
     arguments += [
@@ -524,6 +512,8 @@ def test_the_verb_reports_and_keeps_the_json_contract(gyrowheel: Shell, tmp_path
         tmp_path / "list.json",
         "-o",
         tmp_path / "kept",
+        "--keep",
+        tmp_path / "cases",
     ]
     shown = gyrowheel.good(*arguments, "--json", tmp_path / "out.json")
     assert "2 blind cases of plan drag, seed 5" in shown.out
@@ -539,6 +529,13 @@ def test_the_verb_reports_and_keeps_the_json_contract(gyrowheel: Shell, tmp_path
     assert set(content) >= {"coverage95", "median_seconds", "confusion"}
     listed = json.loads((tmp_path / "list.json").read_text())
     assert [c["case"] for c in listed] == [1, 2]
+    for case in listed:
+        kept = tmp_path / "cases" / f"case-{case['case']:04d}"
+        assert {p.name for p in kept.iterdir()} == {"recording", "unused", "diagnosis.json", "key.json"}
+        assert json.loads((kept / "key.json").read_text())["effects"] == case["truth"]
+        assert json.loads((kept / "diagnosis.json").read_text())["verdict"] == case["verdict"]
+        assert case["outcome"] != "failed", case["error"]
+        assert case["validation"] is not None
     assert f"report: {tmp_path / 'kept' / 'report.html'}" in shown.err
     page = Page((tmp_path / "kept" / "report.html").read_text(encoding="utf-8"))
     assert page.content["campaign"] == content

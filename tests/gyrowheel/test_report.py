@@ -18,7 +18,9 @@ import yaml
 import gyrowheel as gw
 from gyrowheel.diagnosis.api import Diagnosis
 from gyrowheel.report import api
+from gyrowheel.report import page as report_page
 from gyrowheel.report.decision import decision
+from gyrowheel.report.page import Picture
 from gyrowheel.report.sections import error_rows
 from gyrowheel.report.verb import _is_report
 from gyrowheel.show.html import Cells
@@ -40,6 +42,12 @@ def made(wheel: Wheel) -> gw.Report:
 @pytest.fixture(scope="module")
 def page(made: gw.Report) -> Page:
     return Page(made.html())
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what takes the time of a page: the drawing of its pictures, not their titles."""
+    monkeypatch.setattr(report_page, "picture", lambda _, title: Picture("data:image/svg+xml;base64,", title))
 
 
 def test_every_number_agrees_with_the_diagnosis(gyrowheel: Shell, wheel: Wheel, page: Page) -> None:
@@ -176,6 +184,7 @@ def test_recordings_have_hashes_and_the_commands_repeat_the_result(
     assert [own["role"] for own in page.content["recordings"]] == ["fitted", "not used to fit"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_text_of_a_user_is_escaped(wheel: Wheel, made: gw.Report, tmp_path: Path) -> None:
     evil = "``` </script><script>alert(1)</script>\"'><img src=x onerror=alert(1)>"
     content = yaml.safe_load(wheel.model.read_text(encoding="utf-8"))
@@ -204,6 +213,7 @@ def test_text_of_a_user_is_escaped(wheel: Wheel, made: gw.Report, tmp_path: Path
     assert "<img" not in outside
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_coverage_and_properties_of_readings_are_on_the_page(made: gw.Report) -> None:
     clock = ReadingFinding("clock_rate", "clock", "rate_error", 2e-5, 1e-6, 0.0, "1", 400.0, "drag")
     part = Coverage(60.0, 30.0, {"of a kind": 10.0}, ("air_pressure: that of the bench",))
@@ -232,6 +242,7 @@ def test_a_report_is_printed_by_a_browser(made: gw.Report, tmp_path: Path) -> No
         assert _is_report(tmp_path / "drag.pdf")  # as it was
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_verb_writes_a_page_or_markdown(
     gyrowheel: Shell, wheel: Wheel, made: gw.Report, page: Page, tmp_path: Path
 ) -> None:

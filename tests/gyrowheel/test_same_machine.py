@@ -76,7 +76,7 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_mix_of_machines_is_refused_unless_asked_for(gyrowheel: Shell, machines: Path) -> None:
     one, other, model = machines / "drag1", machines / "other2", machines / "m.yaml"
-    gyrowheel.good("compare", one, machines / "other1", "--model", model)
+    gyrowheel.good("torques", one, machines / "other1", "--model", model)
     for command in (
         ("compare", one, other, "--model", model),
         ("diagnose", one, "--validate", other, "--model", model),
@@ -89,7 +89,7 @@ def test_mix_of_machines_is_refused_unless_asked_for(gyrowheel: Shell, machines:
         assert refused.err.count("error: ") == 1
         assert f"{other}: is of machine" in refused.err
         assert "--mixed" in refused.err
-    gyrowheel.good("compare", one, other, "--model", model, "--mixed")
+    gyrowheel.good("torques", one, other, "--model", model, "--mixed")
 
 
 @pytest.mark.study  # test_investigate.py goes on with what a diagnosis proposes
