@@ -62,6 +62,9 @@ def rows_a_value(values: Array, numbers: NDArray[np.int64] | None = None) -> flo
     sizes = changes[changes > digit]
     if len(runs) < _FEWEST or len(sizes) < _FEWEST:
         return 1.0
+    apart = np.count_nonzero(np.diff(places) > 1)
+    if apart < _REPEATED * (len(runs) - apart):  # whatever its steps, too few are repeated
+        return 1.0
     usual = float(np.median(sizes))
     step = _coarse_step(sizes, usual, new)
     if step > usual / _COARSE:
