@@ -129,6 +129,19 @@ def test_two_hidden_effects_are_both_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_an_effect_that_bench_parameters_nearly_replace_is_no_wrong_instrument(tmp_path: Path) -> None:
+    """Where readings are precise, the linear gain of a lag is several times too small next to that of a delay."""
+    machine = hidden_machine(3, {"coil_inductance": {"t_L": 2.7e-4}})
+    precise = {
+        name: 0.2 * BENCH.value(name) for name in BENCH.values() if name.endswith(("_noise", "_drift"))
+    }
+    machine = replace(machine, values={**machine.values, **precise})
+    found = diagnose([record(tmp_path, "run", machine, "survey")], Model.new())
+    assert [f.name for f in found.effects] == ["coil_inductance"]
+    assert not found.instruments
+
+
+@pytest.mark.slow
 def test_an_effect_below_the_detection_limit_is_reported_as_such(tmp_path: Path) -> None:
     truth = {"gravity_offset": {"G": 0.003}}
     found = diagnose([record(tmp_path, "fit", hidden_machine(4, truth), "quick")], Model.new())

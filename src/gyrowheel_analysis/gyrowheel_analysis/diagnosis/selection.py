@@ -220,7 +220,8 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     """Return the linear gain in chi-squared of every candidate, best first.
 
     The derivatives by most are those with everything as stated, which hardly differ from those at the fit; for the
-    foremost they are taken at the fit. A candidate that is linearly dependent on the fit is left out.
+    foremost they are taken at the fit, too, and the larger gain counts: where bench parameters nearly replace a
+    candidate, either may be several times too small. A candidate that is linearly dependent on the fit is left out.
     """
     basis = problem.basis(current)
     white = np.concatenate([problem.noise.whiten(current.residual), -current.pull])
@@ -252,6 +253,8 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     exact = ranked(
         foremost, lambda term: problem.prediction.amplitude_columns(term, current, current.jacobian)
     )
+    as_stated = {term: gain for gain, term in result}
+    exact = [(max(gain, as_stated[term]), term) for gain, term in exact]
     return sorted([*exact, *result[_EXACT:]], key=lambda pair: -pair[0])
 
 
@@ -307,8 +310,12 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
         if implausible(problem, trial, ERROR_TIE_LIMIT) is None:
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
-    # one that is far likelier was dropped, as it predicts unused data worse
-    ties = tuple(tie for tie in tried if -TIE_LOSS < tie.delta_chi2 < TIE_LOSS)
+    # a law with a memory that is far likelier was dropped, as it predicts unused data worse
+    ties = tuple(
+        tie
+        for tie in tried
+        if tie.delta_chi2 < TIE_LOSS and (tie.delta_chi2 > -TIE_LOSS or tie.term not in memory)
+    )
     rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE_LOSS)[:2]
     outdone = any(tie.delta_chi2 < 0.0 and tie.term in memory for tie in tried)
     return Finding(term, without.chi2 - fit.chi2, ties, rivals, without, outdone)
