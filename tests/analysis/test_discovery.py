@@ -41,7 +41,7 @@ LARGE: EffectValues = {
     "magnet_warming": {"a": 0.01, "tau": 60.0},
 }
 #: Looked for again once it is in the model; the others are a study.
-AGAIN = ("cable_friction",)
+AGAIN = ("coil_remanence",)
 #: What these plans cannot show; most have tests of their own.
 NOT_SHOWN = ("gravity_offset", "earth_rate", "tilt_scale", "supply_sag")
 HIDDEN: dict[str, EffectValues] = {
@@ -68,7 +68,8 @@ def test_a_hidden_effect_is_found_added_and_validated(name: str, tmp_path: Path)
 
     found = diagnose([fit], model, validate=[unused])
     tied = {tie.name for ties in found.ties.values() for tie in ties}
-    assert named(found) == {name} or (len(found.ties) == 1 and name in tied), verdict_sentence(found)
+    tied_with = name not in AGAIN and len(found.ties) == 1 and name in tied
+    assert named(found) == {name} or tied_with, verdict_sentence(found)
     if named(found) == {name}:
         effect = found.effects[0]
         for key, estimate in effect.coefficients.items():
@@ -295,6 +296,7 @@ def test_a_torque_that_falls_with_the_speed_has_a_negative_exponent(tmp_path: Pa
     assert found.error.validation_after.chi2_per_n < 1.2
 
 
+@pytest.mark.study  # test_memory.py has another law that is unknown, and its proof
 @pytest.mark.slow
 def test_a_motor_constant_that_depends_on_the_speed_is_no_drag(tmp_path: Path) -> None:
     fit, check = hidden_law("motor_gain = g*r; g = 0.01 [1]", "quick", tmp_path)

@@ -303,6 +303,7 @@ def test_a_law_with_a_memory_is_compared_with_the_effects_that_it_resembles(
     assert abs(a.value - size) < 3.0 * a.standard_error
 
 
+@pytest.mark.study  # test_discovery.py finds it of another size
 @pytest.mark.slow
 def test_the_remanence_of_coils_is_no_damping(tmp_path: Path) -> None:
     """In a cone, what lags behind the voltages lies across the tilt, as the torque of a damping does."""

@@ -107,7 +107,7 @@ def test_a_killed_node_is_named(node: str, tmp_path: Path, watched: Watched):
     directory = tmp_path / "recording"
     with (
         pytest.raises(GraphError) as caught,
-        Graph(LONG_PLAN, record=directory, domain_id=next_domain()) as graph,
+        Graph(LONG_PLAN, record=directory, domain_id=next_domain(), without=["drag_estimator"]) as graph,
     ):
 
         def kill(progress: Progress) -> None:
