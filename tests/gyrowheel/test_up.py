@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from gyrowheel_bringup.graph import EXECUTABLES, Graph, GraphError
 from gyrowheel_recording.bags import Recording
 
 from ..domains import next_domain
-from .helpers import Shell, write
+from .helpers import Shell, slow_bench, write
 from .test_drag import assert_same, recorded
 
 #: A machine with a learned parameter.
@@ -54,13 +53,7 @@ def test_a_bench_that_runs_gives_the_samples_of_simulate_is_diagnosed_and_may_en
     truth: str, gyrowheel: Shell, tmp_path: Path
 ):
     plan = write(tmp_path / "plan.yaml", STEADY_PLAN)
-    # of half the rate, and so half the messages
-    shipped = resources.files("gyrowheel_sim").joinpath("config/bench.yaml").read_text(encoding="utf-8")
-    assert shipped.count("sample_period: {value: 5.0e-4") == 1
-    bench = write(
-        tmp_path / "slow.yaml",
-        shipped.replace("sample_period: {value: 5.0e-4", "sample_period: {value: 1.0e-3"),
-    )
+    bench = slow_bench(tmp_path)
     model = write(tmp_path / "model.yaml", truth.replace("bench: gyrowheel", f"bench: {bench}"))
     machine = ["--plan", plan, "--bench", bench, "--effect", "windage", "--truth", model]
     machine += ["--machine", 3, "--seed", 8]
