@@ -165,6 +165,7 @@ def loaded(libraries: Sequence[str], modules: Sequence[str]) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow
 def test_nodes_start_without_what_they_have_no_use_for() -> None:
     """Libraries that take long to load would be loaded anew at every start of the bench."""
     own = ["gyrowheel_control.nodes.controller", "gyrowheel_control.nodes.conductor"]

@@ -33,6 +33,7 @@ def test_student_noise_has_the_stated_variance_and_heavy_tails() -> None:
     assert np.mean(np.abs(made) > 5.0) > 1e-3
 
 
+@pytest.mark.slow
 def test_flicker_noise_equals_the_white_one_at_its_corner_and_falls_as_one_over_f() -> None:
     noise, made = of_readings("flicker", 2, 300.0)
     frequency, power = welch(made, 1.0 / PERIOD, nperseg=2**17, axis=0)

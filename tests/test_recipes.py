@@ -96,6 +96,7 @@ def test_each_recipe_changes_one_file_and_each_walk_three_at_most() -> None:
     assert "A verb" in sections
 
 
+@pytest.mark.slow
 def test_a_word_in_the_torque_table_is_changed(run: Run) -> None:
     shown = run("import gyrowheel as gw; print(gw.torques(tilt=0.05))")
     assert "damping of the flexures" in shown

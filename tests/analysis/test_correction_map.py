@@ -113,6 +113,7 @@ def map_of(path: Path) -> tuple[Prepared, MapFit | None]:
         return prepared, best_map([(problem, problem.fit_within())], "map")
 
 
+@pytest.mark.slow
 def test_nothing_hidden_gives_no_map(recorded: Recorded) -> None:
     assert map_of(recorded.plain)[1] is None
 

@@ -60,6 +60,7 @@ def test_events_have_the_products_of_their_courses(kind: str) -> None:
         assert profiles.places == len(profiles)
 
 
+@pytest.mark.slow
 def test_all_short_bursts_of_a_long_recording_are_tried() -> None:
     """The bursts tried grow with the windows, those possible with their square."""
     counts = []

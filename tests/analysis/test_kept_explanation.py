@@ -73,6 +73,7 @@ def facts(found: Diagnosis) -> str:
         return repr(replace(found, seconds=0.0))
 
 
+@pytest.mark.slow
 def test_comparison_diagnosis_and_addition_share_one_search(
     recording: Recording, unused: Recording, searches: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -99,6 +100,7 @@ def _ends_at(step: str) -> Callable[[str], None]:
     return progress
 
 
+@pytest.mark.slow
 def test_a_search_that_ends_early_reports_what_it_has_and_is_not_kept(
     recording: Recording, searches: list[int]
 ) -> None:
@@ -166,6 +168,7 @@ def unsearched(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 def test_another_question_is_searched_again(
     recording: Recording, unused: Recording, unsearched: list[int]
 ) -> None:

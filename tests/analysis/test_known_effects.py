@@ -115,6 +115,7 @@ def test_a_formula_that_explains_nothing_does_not_raise_the_noise(recordings: di
         add_effect(added.model, [useless], [recordings["with"]])
 
 
+@pytest.mark.slow
 def test_a_bench_parameter_ends_at_the_limit_of_what_a_model_file_holds(
     recordings: dict[str, Recording], tmp_path: Path
 ) -> None:
@@ -140,6 +141,7 @@ def _saved(model: Model, path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_model_far_from_the_recordings_is_reported_before_anything_else(
     recordings: dict[str, Recording],
 ) -> None:

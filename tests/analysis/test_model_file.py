@@ -400,6 +400,7 @@ def test_a_user_defined_effect_is_added_fitted_and_used(own: Effect, tmp_path: P
         add_effect(model, [own], [fit])
 
 
+@pytest.mark.slow
 def test_a_registered_effect_as_an_object_is_no_declaration(tmp_path: Path) -> None:
     machine = hidden_machine(22, {"windage": {"w": 0.001, "n": 1.5}})
     fit = record(tmp_path, "fit", machine, "check")

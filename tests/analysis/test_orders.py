@@ -96,6 +96,7 @@ def test_orders_end_at_half_the_sampling_rate_over_the_highest_speed() -> None:
     assert (len(none.order), none.blocks, none.left_out) == (0, 0, 1)
 
 
+@pytest.mark.slow
 def test_noise_alone_exceeds_its_level_in_five_of_a_hundred_spectra() -> None:
     """Also where windows differ in their noise, and of a single block."""
     for speeds in ([600.0], [3500.0, 1400.0]):

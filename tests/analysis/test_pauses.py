@@ -135,6 +135,7 @@ def paused(recording: Recording, directory: Path, pause: float, share: float) ->
 
 @pytest.mark.parametrize("pause", [pytest.param(NIGHT, marks=pytest.mark.study), DECADES])
 @pytest.mark.parametrize("share", [0.31, pytest.param(0.5, marks=pytest.mark.study)])
+@pytest.mark.slow
 def test_the_analysis_uses_both_sides_of_a_pause(
     recording: Recording, tmp_path: Path, pause: float, share: float
 ) -> None:

@@ -70,6 +70,7 @@ def test_failed_write_of_a_picture_leaves_no_file(tmp_path: Path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
 
 
+@pytest.mark.slow
 def test_long_titles_and_names_stay_within_the_picture_and_apart():
     effects = "; ".join(f"effect_number_{k}: C_x = 0.970 ± 0.013 %, C_y = 0.954 ± 0.013 %" for k in range(10))
     title = "Besides what looks like " + ", ".join(f"the effect that has the number {k}" for k in range(10))

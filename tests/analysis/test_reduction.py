@@ -150,6 +150,7 @@ def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
     assert np.mean(sizes > 4.5) < 0.01
 
 
+@pytest.mark.slow
 def test_a_speed_that_settles_in_a_window_gives_no_bias_of_its_acceleration(
     samples: Samples, windows: Windows
 ) -> None:

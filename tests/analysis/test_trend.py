@@ -45,6 +45,7 @@ def table(
     return rows
 
 
+@pytest.mark.slow
 def test_machines_that_differ_by_chance_raise_no_alarm() -> None:
     """Of a hundred tables one may; machines that differ only by their errors count like those that differ by more."""
     alarms = [bool(trend(table(seed, spread=spread)).departed) for seed in SEEDS for spread in (0.0, 1.0)]

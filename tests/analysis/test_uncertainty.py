@@ -95,6 +95,7 @@ def test_without_undetected_effects_the_interval_is_that_of_the_standard_error(
 @pytest.mark.parametrize(
     ("exponent", "conflict"), [(1.60, True), pytest.param(1.48, False, marks=pytest.mark.study)]
 )
+@pytest.mark.slow
 def test_a_prior_that_is_wrong_is_reported_in_the_verdict(exponent: float, conflict: bool) -> None:
     recording = gw.simulate("quick", effects={"windage": {"w": 0.006, "n": exponent}}, machine=6, seed=6)
     found = gw.diagnose(recording, gw.Model())

@@ -285,6 +285,7 @@ def test_noise_has_no_law() -> None:
 
 
 @pytest.mark.parametrize("drift", [1.0, pytest.param(3.0, marks=pytest.mark.study)])
+@pytest.mark.slow
 def test_noise_shows_no_dependence(drift: float) -> None:
     cases, named, unlike = 40, 0, 0
     for seed in range(cases):

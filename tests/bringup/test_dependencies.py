@@ -173,6 +173,7 @@ def test_versions_and_changelogs_agree(package: str) -> None:
     assert re.search(rf"^(Forthcoming|{re.escape(str(version))} .*)\n-+\n\* ", log, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_the_launcher_runs_the_modules_of_the_executables_and_imports_no_ros() -> None:
     for name, module in MODULES.items():
         assert f"gyrowheel_core.start_node {module} " in find_executable(*EXECUTABLES[name]).read_text()

@@ -104,6 +104,7 @@ KEYS = st.sampled_from(["schema", "name", "parts", "order", "unit", "value", "pl
 
 
 @given(st.recursive(SCALARS, lambda s: st.lists(s, max_size=3) | st.dictionaries(KEYS, s, max_size=4)))
+@pytest.mark.slow
 def test_any_content_is_read_or_refused_in_one_line(raw: Any) -> None:
     said = []
     for read in (raw, content(parts={"one": raw}), part(place=raw), content(order=raw)):

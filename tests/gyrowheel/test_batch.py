@@ -33,6 +33,7 @@ def runs(wheel: Wheel, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("ending", ["parquet", pytest.param("csv", marks=pytest.mark.study)])
+@pytest.mark.slow
 def test_every_recording_is_a_row_and_done_once(
     runs: Path, wheel: Wheel, ending: str, tmp_path: Path, gyrowheel: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +64,7 @@ def test_every_recording_is_a_row_and_done_once(
     assert {row["recording"]: row for row in api.read_rows(table)} == rows
 
 
+@pytest.mark.slow
 def test_a_recording_whose_name_is_no_text_is_a_row(wheel: Wheel, tmp_path: Path, gyrowheel: Shell) -> None:
     (file,) = Path(wheel.recording).glob("*.mcap")
     (tmp_path / "monday").mkdir()

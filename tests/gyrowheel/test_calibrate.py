@@ -24,6 +24,7 @@ def cone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "cone"
 
 
+@pytest.mark.slow
 def test_constants_are_shown_and_written_only_on_request(gyrowheel: Shell, cone: Path, tmp_path: Path):
     model = tmp_path / "model.yaml"
     gyrowheel.good("model", "new", "--model", model)

@@ -424,6 +424,7 @@ def test_diagnose_keeps_the_json_contract(gyrowheel: Shell, wheel: Wheel, tmp_pa
     assert [effect["name"] for effect in result["effects"]] == ["windage"]
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_search_with_what_it_has(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,6 +48,7 @@ def growing(wheel: Wheel, tmp_path: Path) -> tuple[Path, Generator[None]]:
     return place, writing()
 
 
+@pytest.mark.slow
 def test_a_recording_is_diagnosed_while_it_is_written_and_at_its_end(
     growing: tuple[Path, Generator[None]], wheel: Wheel, whole: gw.Diagnosis
 ) -> None:
@@ -69,6 +70,7 @@ def test_a_recording_is_diagnosed_while_it_is_written_and_at_its_end(
     assert next(looks, None) is None
 
 
+@pytest.mark.slow
 def test_the_workbench_renews_its_verdict_while_a_recording_is_written(
     growing: tuple[Path, Generator[None]], wheel: Wheel, whole: gw.Diagnosis
 ) -> None:

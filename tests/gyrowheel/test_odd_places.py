@@ -24,6 +24,7 @@ from .helpers import Shell, write
 ODD = os.fsdecode(b"a 'b\" \n\t\x1b[2J\x9b \xc3\xa9\xe2\x84\xa6 @from= %d {x} $x^$ \xff -")
 
 
+@pytest.mark.slow
 def test_every_verb_reads_and_writes_files_with_odd_names(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path
 ) -> None:

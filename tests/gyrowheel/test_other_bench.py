@@ -62,6 +62,7 @@ def test_a_hidden_effect_is_named_added_and_proven(gyrowheel: Shell, tmp_path: P
 
 
 @pytest.mark.parametrize("machine", [21, pytest.param(22, marks=pytest.mark.study)])
+@pytest.mark.slow
 def test_nothing_is_missing_without_a_hidden_effect(gyrowheel: Shell, tmp_path: Path, machine: int):
     model, run = tmp_path / "wheel.yaml", tmp_path / "run"
     gyrowheel.good("model", "new", "--model", model, "--bench", "dtg")
@@ -75,6 +76,7 @@ def test_nothing_is_missing_without_a_hidden_effect(gyrowheel: Shell, tmp_path: 
     assert {"aero_cross", "windage", "flexure_damping", "bearing_coulomb"} <= usual
 
 
+@pytest.mark.slow
 def test_the_next_test_is_one_that_the_bench_can_run(gyrowheel: Shell, tmp_path: Path):
     """Gravity cannot be told from stiffness until the rig is turned over: by the bench's own plan."""
     plan = write(

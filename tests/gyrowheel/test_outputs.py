@@ -155,6 +155,7 @@ def test_export_replaces_only_its_own_tables(gyrowheel: Shell, bench: Path):
     refused(gyrowheel("export", bench / "drag", "-o", same, "--map", same), "is the file of --output, too")
 
 
+@pytest.mark.slow
 def test_a_picture_replaces_only_pictures_of_its_format(gyrowheel: Shell, bench: Path):
     draw = ["momentum", "--picture"]
     refused(gyrowheel(*draw, bench / "x.txt"), "'.txt'", ".png")

@@ -47,6 +47,7 @@ def run(tmp_path: Path) -> Run:
     return call
 
 
+@pytest.mark.slow
 def test_an_effect_package_installed_as_documented_is_registered(run: Run) -> None:
     assert set(FILES) == {"my_effects/pyproject.toml", "my_effects/my_effects.py"}
     install, show, *_ = COMMANDS

@@ -37,6 +37,7 @@ def test_every_figure_and_table_is_judged() -> None:
     assert len({own.name for own in STATEMENTS}) == len(STATEMENTS)
 
 
+@pytest.mark.slow
 def test_pages_and_pictures_are_whole_after_every_statement(gyrowheel: Shell, tmp_path: Path) -> None:
     folder = tmp_path / "paper"
     seen: list[int] = []

@@ -25,6 +25,7 @@ def folder(tmp_path_factory):
     return place
 
 
+@pytest.mark.slow
 def test_part_has_the_windows_that_lie_in_it(folder):
     bench = Bench.load()
     whole, part = (
@@ -66,6 +67,7 @@ def test_parts_of_one_recording_may_not_overlap(folder):
         gw.compare([folder, f"{folder}@from=20"], model)
 
 
+@pytest.mark.slow
 def test_an_event_is_reported_first_with_the_parts_before_and_after_it(folder):
     recording = Recording.open(folder)
     measurement = recording.measurement.copy()

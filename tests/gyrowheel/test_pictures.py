@@ -37,6 +37,7 @@ def colours(path: Path) -> set[object]:
     return {colour for count, colour in found if count > 200}
 
 
+@pytest.mark.slow
 def test_diagnose_and_add_draw_the_error_before_and_after(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path
 ) -> None:
@@ -152,6 +153,7 @@ def test_an_outlier_of_usual_noise_sets_no_scale_and_its_arrow_is_cut_off() -> N
     assert drawn[5] == pytest.approx(2 * 0.55 * 4.0)
 
 
+@pytest.mark.slow
 def test_letters_of_pictures_lie_within_them_and_apart(wheel: Wheel) -> None:
     model = gw.Model.load(wheel.model)
     check_letters(gw.compare(wheel.recording, model).plot())

@@ -243,6 +243,7 @@ def test_a_report_is_printed_by_a_browser(made: gw.Report, tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.slow
 def test_the_verb_writes_a_page_or_markdown(
     gyrowheel: Shell, wheel: Wheel, made: gw.Report, page: Page, tmp_path: Path
 ) -> None:

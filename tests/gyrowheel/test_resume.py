@@ -357,6 +357,7 @@ def test_ctrl_c_and_kills_end_the_workers_and_the_printed_command_resumes(
     assert not [path for path in (tmp_path / "scratch").iterdir() if path.name.startswith("ca")]
 
 
+@pytest.mark.slow
 def test_finished_cases_survive_an_interruption(
     gyrowheel: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

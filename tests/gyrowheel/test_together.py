@@ -59,6 +59,7 @@ def test_concurrent_changes_are_not_overwritten(
     gw.Model.load(model).save(model)
 
 
+@pytest.mark.slow
 def test_a_recording_that_changes_during_a_comparison_is_named(
     gyrowheel: Shell, wheel: Wheel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

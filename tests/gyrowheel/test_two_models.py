@@ -21,6 +21,7 @@ def models(wheel: Wheel) -> dict[str, gw.Model]:
 
 
 @pytest.mark.parametrize("wrong", ["bearing_coulomb", "plain"])
+@pytest.mark.slow
 def test_the_right_model_is_preferred_in_either_order(
     wheel: Wheel, models: dict[str, gw.Model], wrong: str
 ) -> None:
@@ -35,6 +36,7 @@ def test_the_right_model_is_preferred_in_either_order(
     assert turned.evidence == pytest.approx(-found.evidence, rel=0.05)
 
 
+@pytest.mark.slow
 def test_models_that_cannot_be_told_apart_come_with_the_test_that_decides(wheel: Wheel) -> None:
     """The same drag by two laws that differ at other speeds and densities."""
     plain = gw.Model.load(wheel.model)

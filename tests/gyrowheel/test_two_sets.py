@@ -34,6 +34,7 @@ def model(first: gw.Recording) -> gw.Model:
     return gw.Model("gyrowheel").add("windage", fit=first)
 
 
+@pytest.mark.slow
 def test_equal_sets_have_changed_nothing(first: gw.Recording, model: gw.Model, tmp_path: Path) -> None:
     again = recorded(tmp_path, "again", 2, windage={"w": 0.0010, "n": 1.48})
     found = gw.compare_sets(model, first, again)
@@ -47,6 +48,7 @@ def test_equal_sets_have_changed_nothing(first: gw.Recording, model: gw.Model, t
 
 
 @pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.slow
 def test_a_coefficient_that_changed_is_found_with_its_size_and_sign(
     first: gw.Recording, model: gw.Model, tmp_path: Path, *, turned: bool
 ) -> None:
@@ -65,6 +67,7 @@ def test_a_coefficient_that_changed_is_found_with_its_size_and_sign(
     assert found.chi2_per_n < found.common_chi2_per_n
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_in_one_set_alone_is_found(
     first: gw.Recording, model: gw.Model, tmp_path: Path
 ) -> None:
@@ -78,6 +81,7 @@ def test_an_effect_that_is_in_one_set_alone_is_found(
     assert abs(step.first) < 4.0 * step.standard_error
 
 
+@pytest.mark.slow
 def test_the_verb_reports_the_change_as_page_and_json(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
     recorded(tmp_path, "calm", 5, machine=4)
     arguments = ("compare", "--model", wheel.model, "--on", tmp_path / "calm", "--against", wheel.recording)

@@ -41,6 +41,7 @@ def test_a_recording_of_another_bench_is_refused(gyrowheel: Shell, wheel: Wheel,
         assert "gyro.yaml of bench dtg: " in result.err
 
 
+@pytest.mark.slow
 def test_nan_readings_do_not_stop_the_analysis(gyrowheel: Shell, wheel: Wheel, tmp_path: Path) -> None:
     """Once it ended in a traceback, and with 1, which also means that something was found."""
     whole = Recording.open(wheel.recording)

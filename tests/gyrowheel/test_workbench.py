@@ -97,6 +97,7 @@ def test_long_names_of_tables_are_shortened() -> None:
     assert len(name.encode()) <= 120
 
 
+@pytest.mark.slow
 def test_ranges_are_fitted_predicted_or_left_out(compared: Session, wheel: Wheel) -> None:
     """Results belong to the ranges that they were found with, and come back with them."""
     whole, length = compared.step, gw.Recording.open(wheel.recording).duration

@@ -310,6 +310,7 @@ def test_the_map_of_the_missing_torque_has_its_standard_deviation() -> None:
     assert (low["sigma"][0], high["sigma"][0]) == pytest.approx((1e-6 / scale, 7e-6 / scale))
 
 
+@pytest.mark.slow
 def test_estimates_are_drawn_as_fitted_and_a_profile_rises_at_the_ends_of_its_interval(
     compared: Session, wheel: Wheel
 ) -> None:

@@ -244,6 +244,7 @@ def test_matlab_file_with_false_sizes_is_refused(variable: bytes, packed: bool, 
         read_grid(file)
 
 
+@pytest.mark.slow
 def test_a_structure_of_matlab_that_unpacks_without_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -494,6 +495,7 @@ _EMPTY = "=" * 80 + "\nMSG: a/C\n"
     ],
     ids=["lists", "itself", "texts", "checksum", "unknown"],
 )
+@pytest.mark.slow
 def test_nested_types_of_ros_1_beyond_the_limit_are_refused(
     definition: str, digest: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
