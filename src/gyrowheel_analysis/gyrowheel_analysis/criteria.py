@@ -287,10 +287,6 @@ UNSETTLED_ANGLE: Final = 20.0
 #: its noise. And beyond which further terms in turn are too few.
 FURTHER_TERMS: Final = 2.5
 TOO_FEW_TERMS: Final = 4.0
-#: Standard deviations of its noise from which on the last term of a spin angle shows a speed that still settles, so
-#: that the next term is estimated. Lower widens the noise of every window, higher leaves a bias in those after a change
-#: of speed.
-STILL_SETTLING: Final = 3.0
 #: Square of the mean residual at an end of a window, over noise, beyond which a motion began or ended there.
 EDGE_OF_MOTION: Final = 9.0
 #: Residual motor current over noise beyond which averages do not describe it (say, a failing supply).

@@ -20,8 +20,8 @@ from gyrowheel_analysis.reduction.window_fit import (
     FEWEST_REVOLUTIONS,
     FEWEST_SAMPLES,
     SHORTEST,
+    acceleration_variance,
     fit_window,
-    spin_terms,
 )
 from gyrowheel_analysis.reduction.windows import (
     DEGREE,
@@ -177,11 +177,11 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "tilt_rate_variance": (
                         2.0 * (DEGREE + 1) ** 2 / samples * (noise("tilt_noise") / duration) ** 2
                     ),
-                    "spin_acceleration_variance": (
-                        2.0
-                        * spin_terms(duration) ** 5
-                        / samples
-                        * (noise("spin_angle_noise") / duration**2) ** 2
+                    "spin_acceleration_variance": acceleration_variance(
+                        duration,
+                        samples,
+                        noise("spin_angle_noise"),
+                        noise("motor_constant") / bench.axial_inertia * noise("motor_current_noise"),
                     ),
                     "reading_noise": np.array([noise(name) for name in READING_NOISES]),
                 }
