@@ -254,6 +254,8 @@ def fit_window(
     warming = float(x @ coil - x.sum() * coil.mean()) / float(x @ x - x.sum() * x.mean())
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     surroundings = last[-1] if last else Environment()
+    # The plain mean of the coils' voltages has a part of their harmonics, whose size changes in a cone; the torque that
+    # the motion takes has none. A voltage belongs to the time before its stamp, so the polynomial is late.
     means = readings.mean(axis=0)
     temperatures = dict(zip(SLOW, slow.mean(axis=0), strict=True))
     speed = float(means[_SPIN].real)
@@ -272,7 +274,7 @@ def fit_window(
         "tilt_harmonics": harmonics[_TILT],
         "spin": _shortened(spin, acceleration * duration),
         "current_harmonics": harmonics[_CURRENT],
-        "coil_voltage": complex(means[_COIL]),
+        "coil_voltage": complex(fit[_COIL, :degree] @ (MEAN + 0.5 * hold / duration * RISE)),
         "motor_voltage": float(means[_MOTOR].real),
         "motor_current": float(means[_CURRENT].real),
         **temperatures,
