@@ -35,19 +35,20 @@ def record(
     *,
     noise_seed: int | None = None,
     gains: Gains | None = None,
+    bench: Bench = BENCH,
 ) -> Recording:
     """Run a plan on a machine and return the recording as read from disk."""
     plan = Plan.load(plan) if isinstance(plan, str) else plan
     seed = scenario.noise_seed if noise_seed is None else noise_seed
-    run = simulate(BENCH, replace(scenario, noise_seed=seed), plan, gains=gains)
+    run = simulate(bench, replace(scenario, noise_seed=seed), plan, gains=gains)
     write_run(
         folder / name,
         run.measurement,
         run.command,
         run.setpoints,
         to_json(run.environment),
-        BENCH.describe(),
-        sample_period=BENCH.sample_period,
+        bench.describe(),
+        sample_period=bench.sample_period,
     )
     return Recording.open(folder / name)
 

@@ -20,6 +20,7 @@ from gyrowheel_analysis.reduction.segmentation import planned_windows, reduce, r
 from gyrowheel_analysis.reduction.windows import RISE, Coverage, Windows, without_noise
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
+from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .machines import BENCH, assert_same_means, hidden_machine, record
@@ -450,3 +451,16 @@ def test_hum_found_in_another_recording_counts_where_the_speed_conceals_it() -> 
     own = replace(line, amplitudes={"tilt": (4.0e-6, 1.0e-7)})
     both = Shown(lines=(own,)).weighed(windows, [Shown(lines=(line,))]).hum_variance
     np.testing.assert_array_equal(both, Shown(lines=(own,)).weighed(windows).hum_variance)
+
+
+def test_the_torque_twice_a_revolution_leaves_nothing_in_the_mean_torque_of_a_cone(tmp_path: Path) -> None:
+    """At 100 revolutions a second all windows of a cone begin at one angle of the rotor, so that it would add up."""
+    bench = Bench.load("dtg")
+    quiet = {name: 1e-3 * bench.value(name) for name in bench.values() if name.endswith(("_noise", "_drift"))}
+    recording = record(tmp_path, "run", Scenario(values=quiet), "dtg_quick", bench=bench)
+    problem = prepare([recording], Model.new("dtg")).problem
+    (balance,) = problem.balances
+    left = np.hypot(*(problem.fit(()).residual[balance.row(row)] for row in ("tilt_x", "tilt_y")))
+    cones = np.abs(balance.windows.mean_tilt_rate) > np.radians(0.5)
+    assert cones.sum() > 20
+    assert left[cones].max() < 3.0e-7
