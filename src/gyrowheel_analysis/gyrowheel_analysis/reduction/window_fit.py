@@ -254,8 +254,6 @@ def fit_window(
     warming = float(x @ coil - x.sum() * coil.mean()) / float(x @ x - x.sum() * x.mean())
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     surroundings = last[-1] if last else Environment()
-    # The plain mean of the coils' voltages has a part of their harmonics, whose size changes in a cone; the torque that
-    # the motion takes has none. A voltage belongs to the time before its stamp, so the polynomial is late.
     means = readings.mean(axis=0)
     temperatures = dict(zip(SLOW, slow.mean(axis=0), strict=True))
     speed = float(means[_SPIN].real)
@@ -274,7 +272,7 @@ def fit_window(
         "tilt_harmonics": harmonics[_TILT],
         "spin": _shortened(spin, acceleration * duration),
         "current_harmonics": harmonics[_CURRENT],
-        "coil_voltage": complex(fit[_COIL, :degree] @ (MEAN + 0.5 * hold / duration * RISE)),
+        "coil_voltage": complex(means[_COIL] - _leaked(waves, fit[_COIL, degree:])),
         "motor_voltage": float(means[_MOTOR].real),
         "motor_current": float(means[_CURRENT].real),
         **temperatures,
@@ -444,6 +442,17 @@ def _waves(angle: Array, powers: Array) -> Array:
     wave = np.cos(angle) + 1j * np.sin(angle)
     waves = (wave**order for order in FORWARD)
     return np.hstack([part[:, None] * powers for wave in waves for part in (wave.real, wave.imag)])
+
+
+def _leaked(waves: Array, fit: Any) -> complex:
+    """Return the part of a mean over whole revolutions that comes from the change of harmonics in the window.
+
+    In a cone the torque twice a revolution turns; what that leaves in the mean has no place in the mean torque that the
+    motion takes. `waves` (n, terms) are those of a window, `fit` (terms,) are their amplitudes.
+    """
+    varying = fit.reshape(-1, MODULATION).copy()
+    varying[:, 0] -= varying @ MEAN[:MODULATION]
+    return complex(waves.mean(axis=0) @ varying.ravel())
 
 
 def _harmonics(fit: Any) -> NDArray[np.complex128]:
