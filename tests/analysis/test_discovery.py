@@ -37,6 +37,7 @@ LARGE: EffectValues = {
     "windage_tilt": {"w": -0.0005, "n": 1.48},
     # their time constants are longer than these plans
     "stiffness_memory": {"k": 0.025},
+    "coil_remanence": {"k": 4.0e-4, "tau": 8.0},
     "grease_warming": {"v": 1.5e-5, "tau": 60.0},
     "magnet_warming": {"a": 0.01, "tau": 60.0},
 }
