@@ -159,7 +159,8 @@ def test_the_motor_of_a_speed_that_settles_or_trembles_has_no_other_torque(
     time, n = samples.time, len(samples.time)
     step = float(np.median(np.diff(time)))
     short = np.abs(windows.duration - 0.49) < 0.02  # right after a change of the speed
-    off, moved = [], []
+    off: list[float] = []
+    moved: list[float] = []
     for _ in range(4):
         rate, sign = np.full(n, 320.0), 1.0 if rng.random() < 0.5 else -1.0
         for start in windows.start[short] - 0.3:
