@@ -202,7 +202,10 @@ class _Predicted:
         """Return the angle's reading less its steady growth: the ripple of the speed, and the encoder's error."""
         order = channel.order
         place = HARMONICS.index(order)
-        ripple = self.at.ripple[:, place] @ (0.5 * WEIGHTS) / (1j * order * self.windows.mean_spin)
+        turn = 1j * order * self.windows.mean_spin
+        ripple = self.at.ripple[:, place] @ (0.5 * WEIGHTS) / turn
+        # The torque is integrated twice as if its amplitude were constant; in a cone it turns with the tilt.
+        ripple = ripple - 2.0 * (self.at.ripple[:, place] @ ACROSS) / (turn**2 * self.windows.duration)
         # the reading delays the ripple as it delays the angle itself: only its zero changes the phase
         zero = np.exp(-1j * order * self.instruments.values["encoder_zero"])
         return _components(ripple * zero + self.instruments.encoder(order))
