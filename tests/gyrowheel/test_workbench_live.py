@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import threading
+from dataclasses import astuple
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -232,12 +233,16 @@ def test_a_running_bench_goes_to_setpoints_and_runs_the_next_test(wheel: Wheel, 
         with live.watching(key) as trace:
             # no setpoint yet, so that its time stands: from its first sample
             wait_until(session, lambda: trace.latest() is not None)
+
+            def published(tilt: float, spin: float) -> bool:
+                return astuple(live.setpoint_of(key)) == pytest.approx((tilt, 0.0, spin))
+
             for tilt, spin in ((1.0, 3400.0), (2.0, 3500.0)):
                 session.setpoint(key, Setpoint(tilt, 0.0, spin), sure=True)
                 session.wait(240.0)
                 assert session.trouble is None
-                now = live.setpoint_of(key)
-                assert (now.tilt_x, now.tilt_y, now.spin) == pytest.approx((tilt, 0.0, spin))
+                # what was published last may arrive after the answer that the plan has ended
+                wait_until(session, partial(published, tilt, spin))
             rows = trace.since(-1)["rows"]
         asked = [row[-len(SETPOINTS)] for row in rows]
         first = asked.index(1.0)
