@@ -152,13 +152,15 @@ def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
     assert np.mean(sizes > 4.5) < 0.01
 
 
+@pytest.mark.parametrize("absent", ["motor_voltage", "motor_current"])
 def test_the_motor_of_a_speed_that_settles_or_trembles_has_no_other_torque(
-    samples: Samples, windows: Windows
+    absent: str, samples: Samples, windows: Windows
 ) -> None:
     """A fast spin loop answers the noise of its readings: current and acceleration of a window belong together."""
     rng = np.random.default_rng(5)
     time, n = samples.time, len(samples.time)
     step = float(np.median(np.diff(time)))
+    constant, resistance = BENCH.value("motor_constant"), BENCH.value("motor_resistance")
     short = np.abs(windows.duration - 0.49) < 0.02  # right after a change of the speed
     off: list[float] = []
     moved: list[float] = []
@@ -169,17 +171,25 @@ def test_the_motor_of_a_speed_that_settles_or_trembles_has_no_other_torque(
             rate += sign * rng.uniform(0.1, 0.6) * np.exp(-age / rng.uniform(0.2, 0.6))
         for hertz in rng.uniform(2.0, 9.0, 30):
             rate += 0.006 * np.sin(2.0 * np.pi * (hertz * time + rng.random()))
+        current = BENCH.axial_inertia / constant * np.gradient(rate, step)
         readings = samples.readings.copy()
         for name, values in (
             ("spin_angle", np.cumsum(rate) * step),
             ("spin_rate", rate),
-            ("motor_current", BENCH.axial_inertia / BENCH.value("motor_constant") * np.gradient(rate, step)),
+            ("motor_current", current),
+            ("motor_voltage", resistance * current + constant * rate),
         ):
             readings[name][:] = values + BENCH.value(f"{name}_noise") * rng.standard_normal(n)
-        found = reduce(replace(samples, readings=readings), BENCH)
-        torque = BENCH.value("motor_constant") * found.motor_current
+        readings[absent][:] = 0.0
+        found = reduce(replace(samples, readings=readings, absent=frozenset({absent})), BENCH)
+        if absent == "motor_voltage":
+            torque, name = constant * found.motor_current, "motor_current_noise"
+        else:
+            torque = constant / resistance * (found.motor_voltage - constant * found.mean_spin)
+            name = "motor_voltage_noise"
         wrong = torque - BENCH.axial_inertia * found.mean_spin_acceleration
-        noise = (BENCH.value("motor_constant") * found.noise("motor_current_noise")) ** 2 / found.samples
+        per_unit = constant if absent == "motor_voltage" else constant / resistance
+        noise = (per_unit * found.noise(name)) ** 2 / found.samples
         noise += BENCH.axial_inertia**2 * found.spin_acceleration_variance
         off.extend(wrong / np.sqrt(noise))
         moved.extend(torque / np.sqrt(noise))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -112,8 +112,8 @@ def noise_excess(left: NDArray[Any], noise: float) -> NDArray[np.float64]:
     return np.asarray(factor / min(float(factor.mean()), 1.0))
 
 
-#: Terms of the polynomial of the spin angle, by the longest window [s] that has them: a cubic gives the acceleration of
-#: short windows far better; long windows contain the response of the spin loop to a change of tilt.
+#: Terms of the polynomial of the spin angle, by the longest window [s] that has them: long windows contain the response
+#: of the spin loop to a change of tilt.
 _SPIN_TERMS = ((0.5, 4), (1.0, 8), (math.inf, 12))
 SHORTEST = 0.16  # s, of a window
 FEWEST_REVOLUTIONS = 4  # of a window; with fewer, harmonics and slow motion are hard to separate
@@ -134,11 +134,6 @@ for _term in range(DEGREE):
 #: Nodes of an integral over a window, and their weights times sin(pi x).
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 _WEIGHTS = _WEIGHTS * np.sin(math.pi * _NODES)
-
-
-def spin_terms(duration: float) -> int:
-    """Return the number of terms of the polynomial of the spin angle in a window that lasts `duration` [s]."""
-    return next(terms for length, terms in _SPIN_TERMS if duration <= length)
 
 
 def fit_window(
@@ -200,7 +195,7 @@ def fit_window(
     noise = noise.copy()
     noise[volts] = unseen_noise(left[:, _COIL], noise[volts], loop / h)
     harmonics = _harmonics(fit[:, degree:])
-    smooth = spin_terms(duration)
+    smooth = next(terms for length, terms in _SPIN_TERMS if duration <= length)
     spin_ripple, current_ripple, voltage_ripple = _ripple(
         left[:, (_SPIN, _CURRENT, _MOTOR)].real, angle, bench
     )
@@ -240,14 +235,22 @@ def fit_window(
     if unsettled or ends:
         return {"unsettled": unsettled, "left": ends, "spin": _shortened(spin)}
     factors = _outlier_factors(left, angle_left[:, 0], noise) if weighed else {}
-    speed_noise = noise[READING_NOISES.index(spin_noise)]
-    drive, drive_noise = _drive(readings, np.polynomial.legendre.legval(x, spin), data.absent, bench, noise)
+    drive, per_unit, drive_noise = _drive(
+        readings, np.polynomial.legendre.legval(x, spin), data.absent, bench
+    )
     acceleration = _acceleration(spin, spin_left, drive, x, duration, of_speed=of_speed)
-    slope_variance = acceleration_variance(duration, len(time), speed_noise, drive_noise, of_speed=of_speed)
+    wave = np.cos(math.pi * x)
+    angle_deviation = (
+        _deviation(spin_noise, np.sin(math.pi * x), noise, factors) * duration / (2.0 * math.pi)
+        if of_speed
+        else _deviation(spin_noise, wave, noise, factors)
+    )
+    spin_variance = acceleration_variance(
+        duration, len(time), angle_deviation, per_unit * _deviation(drive_noise, wave, noise, factors)
+    )
     if any(part.max() > 1.0 for part in factors.values()):
         # a burst at an end of the window has more weight in a change from end to end than in the mean
         change_variance *= _weighed(RISE @ gram[:degree] @ design.T, factors["tilt_noise"])
-        slope_variance *= _weighed(np.cos(math.pi * x), factors[spin_noise])
         noise = noise * np.sqrt([factors[name].mean() for name in READING_NOISES])
     slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
     coil = slow[:, SLOW.index("coil_temperature")]
@@ -300,7 +303,7 @@ def fit_window(
         "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * hold),
         **attitude(surroundings),
         "tilt_rate_variance": change_variance * (tilt_noise / duration) ** 2,
-        "spin_acceleration_variance": slope_variance,
+        "spin_acceleration_variance": spin_variance,
         "reading_noise": noise,
     }
 
@@ -357,27 +360,18 @@ def _of_speed(speed: Array, legendre: Any, waves: Array) -> tuple[Array, Array]:
     return np.asarray(fit[: legendre.shape[1]]), np.asarray(speed - design @ fit)
 
 
-def _drive(
-    readings: Any, speed: Any, absent: frozenset[str], bench: Bench, noise: Array
-) -> tuple[Array, float]:
-    """Return the acceleration that the motor causes at the samples (n,), and the deviation of its noise [rad/s²].
+def _drive(readings: Any, speed: Any, absent: frozenset[str], bench: Bench) -> tuple[Array, float, str]:
+    """Return the acceleration that the motor causes at the samples (n,) [rad/s²].
 
-    `readings` (n, 5) are those of a window, `speed` (n,) is its smooth speed [rad/s].
+    It follows from the current, or else from the voltage: returned with the acceleration per unit of that reading, and
+    the name of its noise. `readings` (n, 5) are those of a window, `speed` (n,) is its smooth speed [rad/s].
     """
     constant = bench.value("motor_constant")
     per_ampere = constant / bench.axial_inertia
     if "motor_current" not in absent:
-        return (
-            per_ampere * readings[:, _CURRENT].real,
-            per_ampere * float(noise[READING_NOISES.index("motor_current_noise")]),
-        )
-    if "motor_voltage" in absent:
-        return np.zeros(len(speed)), 0.0
-    per_volt = per_ampere / bench.value("motor_resistance")
-    return (
-        per_volt * (readings[:, _MOTOR].real - constant * speed),
-        per_volt * float(noise[READING_NOISES.index("motor_voltage_noise")]),
-    )
+        return per_ampere * readings[:, _CURRENT].real, per_ampere, "motor_current_noise"
+    per_volt = 0.0 if "motor_voltage" in absent else per_ampere / bench.value("motor_resistance")
+    return per_volt * (readings[:, _MOTOR].real - constant * speed), per_volt, "motor_voltage_noise"
 
 
 def _acceleration(
@@ -413,16 +407,19 @@ def _acceleration(
     return weighted - float(np.mean(wave * (drive - drive.mean())))
 
 
-def acceleration_variance(
-    duration: float, samples: float, noise: float, drive_noise: float, *, of_speed: bool = False
-) -> float:
-    """Return the variance of the mean spin acceleration [rad²/s⁴] from white noise.
+def acceleration_variance(duration: float, samples: float, angle: float, drive: float) -> float:
+    """Return the variance of the mean spin acceleration of a window [rad²/s⁴] (`_acceleration`).
 
-    `noise` is that of a sample of the angle [rad], or with `of_speed` of the speed [rad/s]; `drive_noise` is that of
-    the acceleration that the motor causes [rad/s²].
+    `angle` and `drive` are the deviations of white noise in a sample of the angle [rad], and of the acceleration that
+    the motor causes [rad/s²]; the `duration` of the window is in s.
     """
-    turn = 2.0 * math.pi / duration
-    return ((turn if of_speed else turn**2) ** 2 * noise**2 + drive_noise**2) / (2.0 * samples)
+    return ((2.0 * math.pi / duration) ** 4 * angle**2 + drive**2) / (2.0 * samples)
+
+
+def _deviation(name: str, row: Any, noise: Array, factors: Mapping[str, Array]) -> float:
+    """Return the deviation of the noise of a reading, as a combination `row` (n,) of its samples has it."""
+    burst = _weighed(row, factors[name]) if factors else 1.0
+    return float(noise[READING_NOISES.index(name)]) * math.sqrt(burst)
 
 
 def _shortened(series: Array, rise: float | None = None) -> Array:
