@@ -178,3 +178,31 @@ def test_too_few_windows_are_refused_with_the_reason(tmp_path: Path) -> None:
         prepare([few], Model(BENCH))
     assert error.value.windows < FEWEST_WINDOWS
     assert error.value.coverage.recorded > 0.0
+
+
+@pytest.mark.slow
+def test_torque_of_motion_below_the_noise_is_that_of_the_early_reading_that_was_found(tmp_path: Path) -> None:
+    """A loop that damps well leaves a tilt twice a revolution in which the noise hides what an early reading turns."""
+    early = {"tilt_delay": {"d": -4.5e-4}}
+    machine = hidden_machine(5, early)
+    loud = {**machine.values, "tilt_noise": 1.4 * BENCH.value("tilt_noise")}
+    gains = replace(BENCH.gains, nutation_damping=0.2)
+    recording = record(tmp_path, "run", replace(machine, values=loud), "cone", gains=gains)
+    prepared = prepare([recording], Model(BENCH))
+    problem = prepared.problem
+    fit = problem.fit([problem.unknowns.term("tilt_delay")])
+    point = problem.unknowns.stated(early)
+    truth = np.concatenate(
+        [
+            b.cleared(problem.unknowns.values(point), problem.unknowns.effects(point)).measured
+            for b in problem.balances
+        ]
+    )
+
+    def missed(problem: Problem) -> float:
+        """By how much the measured rows miss those of the true reading [chi-squared]."""
+        white = problem.noise.whiten(problem.measured - truth)
+        return float(white @ white)
+
+    assert missed(problem) > 50.0
+    assert missed(prepared.reweighed(fit).problem) < 0.1 * missed(problem)

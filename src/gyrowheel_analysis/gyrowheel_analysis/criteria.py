@@ -262,6 +262,10 @@ DRIFT_SCALE_BOUNDS: Final = (1.0, 8.0)
 DRIFT_SCALE_SPREAD: Final = 0.7
 #: Change of the logarithm of a standard deviation from which on the noise is estimated again.
 NOISE_CHANGED: Final = 0.25
+#: Chi-squared of the change of the measured rows from which on the torque that noise in the motion needs is subtracted
+#: again, for the machine that was found: it alone moves a likelihood by three standard deviations. Higher takes what a
+#: late reading leaves of that noise for a misfit, lower costs time.
+ROWS_CHANGED: Final = 9.0
 #: Stated uncertainties by which the value of a bench parameter in a model file must differ from that of the recordings,
 #: and from the stated one, for the file to be wrong: a missing effect of usual size moves no parameter so far, and what
 #: was fitted on other recordings of the machine is nearer.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.criteria import MEMORY_PAUSE, STATED_RANGE
+from gyrowheel_analysis.criteria import MEMORY_PAUSE, ROWS_CHANGED, STATED_RANGE
 from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns, event_widths
 from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns, memory_terms
 from gyrowheel_analysis.fitting.noise import Noise
@@ -341,7 +341,7 @@ class Problem:
         return late
 
     def reweighed(self, fit: Fit) -> Problem:
-        """Return the problem with the noise of the machine that a fit describes; itself where that hardly differs.
+        """Return the problem with noise and rows of the machine that a fit describes; itself where they hardly differ.
 
         See `Noise.on_bench_of` and `Balance.cleared`.
         """
@@ -349,7 +349,8 @@ class Problem:
         effects = self.unknowns.effects(fit)
         rows = self.prediction.split(self.predict(fit))
         noise = self.noise.on_bench_of(self.balances, rows, values, self._found_late(fit))
-        if noise is self.noise:
-            return self
         balances = [balance.cleared(values, effects) for balance in self.balances]
+        change = noise.whitened(np.concatenate([b.measured for b in balances]) - self.measured)
+        if noise is self.noise and not float(change @ change) > ROWS_CHANGED:
+            return self
         return replace(self, prediction=self.prediction.with_measured(balances), noise=noise)
