@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 
 import mcap.records
+import numpy as np
 import pytest
 from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
@@ -14,7 +16,7 @@ from gyrowheel_core import topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording, RecordingWriter, salvage, write_run
 
-from .recordings import assert_holds, make_run, measurements, record
+from .recordings import PERIOD_NS, assert_holds, make_run, measurements, record
 
 
 def test_existing_directories(tmp_path, run):
@@ -82,6 +84,24 @@ def test_no_chunk_is_longer_than_a_quarter_of_a_second(tmp_path):
         ]
     assert len(spans) >= 8
     assert max(spans) <= 0.25e9
+
+
+def test_long_run_is_written_in_the_order_of_time(tmp_path):
+    """Hours are written span by span."""
+    run = make_run(300_000)
+    stamps = np.arange(300_000) * PERIOD_NS + np.random.default_rng(2).integers(0, PERIOD_NS, 300_000)
+    path = write_run(tmp_path / "run", **run, stamps=stamps)
+    read = Recording.open(path).measurement
+    assert np.array_equal(read["sequence"], np.arange(300_000))
+    assert np.array_equal(read["stamp_ns"], stamps)
+    assert np.array_equal(read["tilt_x"], run["measurement"][:, 0])
+    with (path / "run_0.mcap").open("rb") as stream:
+        chunks = [
+            (item.message_start_time, item.message_end_time)
+            for item in StreamReader(stream, emit_chunks=True).records
+            if isinstance(item, mcap.records.Chunk)
+        ]
+    assert all(after[0] >= before[1] for before, after in itertools.pairwise(chunks))
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ from gyrowheel_sim.plant.scenario import Scenario
 if TYPE_CHECKING:
     from gyrowheel.models.api import Model as PublicModel
 
-_PER_SAMPLE: Final = 700  # bytes of memory that a sample takes until it is written, as measured
+_PER_SAMPLE: Final = 180  # bytes of memory that a sample takes until it is written, as measured
 
 
 def simulate(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import itertools
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,6 +30,7 @@ from gyrowheel_recording.bags.metadata import (
 _LIVE_CHUNK: Final = 1 << 16  # bytes
 #: Bench time in one chunk [s]: a killed process loses this and the time between two flushes, a flipped bit this.
 _SPAN: Final = 0.1
+_TOGETHER: Final = 1 << 17  # samples of a run that are written at once
 _RESERVE: Final = 1 << 18  # bytes; steps in which the reserve grows
 _RESERVE_FILE: Final = ".reserve"
 
@@ -367,19 +369,7 @@ def write_run(
     """
     if stamps is None:
         stamps = np.arange(len(measurement), dtype=np.int64) * round(sample_period * wire.SECOND)
-    # built from selected rows: selecting messages would copy their fields but not their padding
     kept = np.arange(len(measurement)) if arrived is None else np.flatnonzero(arrived)
-    readings = _messages(wire.MEASUREMENT, stamps[kept])
-    readings["sequence"] = kept
-    for name, column in zip(wire.MEASUREMENT.fields, measurement[kept].T, strict=True):
-        readings[name] = column
-    commands = _messages(wire.COMMAND, stamps[: len(command)])
-    commands["measurement_sequence"] = np.arange(len(commands))
-    for name, column in zip(wire.COMMAND.fields, command.T, strict=True):
-        commands[name] = column
-    targets = _messages(wire.SETPOINT, setpoints["stamp_ns"])
-    for name in (*wire.SETPOINT.integers, *wire.SETPOINT.fields):
-        targets[name] = setpoints[name]
     estimates = list(drag_estimates)
     first = np.zeros(1, dtype=np.int64)
 
@@ -392,16 +382,33 @@ def write_run(
                 [
                     (topics.BENCH, first, [wire.pack_text(bench)]),
                     (topics.ENVIRONMENT, first, [wire.pack_text(environment)]),
-                    (topics.SETPOINT, setpoints["stamp_ns"].astype(np.int64), targets),
-                    (topics.MEASUREMENT, stamps[kept], readings),
-                    (topics.COMMAND, stamps[: len(command)], commands),
-                    (
-                        topics.DRAG_ESTIMATE,
-                        np.array([stamp for stamp, _ in estimates], dtype=np.int64),
-                        [data for _, data in estimates],
-                    ),
                 ]
             )
+            times = (
+                setpoints["stamp_ns"].astype(np.int64),
+                stamps[kept],
+                stamps[: len(command)],
+                np.array([stamp for stamp, _ in estimates], dtype=np.int64),
+            )
+            # the messages of hours at once take several times the memory of the run
+            for asked, read, answered, estimated in _spans(times):
+                targets = {name: setpoints[name][asked] for name in wire.SETPOINT.names}
+                readings = dict(zip(wire.MEASUREMENT.fields, measurement[kept[read]].T, strict=True))
+                volts = dict(zip(wire.COMMAND.fields, command[answered].T, strict=True))
+                writer.write_columns(
+                    [
+                        _messages(topics.SETPOINT, wire.SETPOINT, times[0][asked], targets),
+                        _messages(
+                            topics.MEASUREMENT, wire.MEASUREMENT, times[1][read],
+                            {"sequence": kept[read], **readings},
+                        ),
+                        _messages(
+                            topics.COMMAND, wire.COMMAND, times[2][answered],
+                            {"measurement_sequence": answered, **volts},
+                        ),
+                        (topics.DRAG_ESTIMATE, times[3][estimated], [estimates[k][1] for k in estimated]),
+                    ]
+                )  # fmt: skip
     except BaseException:
         for file in path.iterdir():
             file.unlink()
@@ -411,10 +418,30 @@ def write_run(
     return path
 
 
-def _messages(layout: wire.Layout, stamps: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+def _spans(columns: Sequence[npt.NDArray[np.int64]]) -> Iterator[tuple[npt.NDArray[np.intp], ...]]:
+    """Yield the rows of columns of times in the order of time, those of one span of time after the other."""
+    orders = [
+        None if np.all(times[1:] >= times[:-1]) else np.argsort(times, kind="stable") for times in columns
+    ]
+    ordered = [times if order is None else times[order] for times, order in zip(columns, orders, strict=True)]
+    edges = np.unique(max(ordered, key=len)[_TOGETHER::_TOGETHER])
+    places = [[0, *np.searchsorted(times, edges).tolist(), len(times)] for times in ordered]
+    for part in zip(*map(itertools.pairwise, places), strict=True):
+        yield tuple(
+            np.arange(*own) if order is None else order[slice(*own)]
+            for order, own in zip(orders, part, strict=True)
+        )
+
+
+def _messages(
+    topic: Topic, layout: wire.Layout, stamps: npt.NDArray[np.int64], fields: Mapping[str, npt.NDArray[Any]]
+) -> tuple[Topic, npt.NDArray[np.int64], npt.NDArray[Any]]:
+    """Return the topic, the times and the serialized messages of columns of fields, as `write_columns` takes them."""
     messages = layout.array(len(stamps))
     layout.set_stamps(messages, stamps)
-    return messages
+    for name, column in fields.items():
+        messages[name] = column
+    return topic, stamps, messages
 
 
 @contextlib.contextmanager
