@@ -192,9 +192,9 @@ def test_a_run_that_would_not_fit_the_memory_is_refused(
 ):
     text = "schema: 1\nname: long\nsegments:\n  - {spin_rpm: 3000, tilt_deg: [[0, 0]], hold_s: 3600}\n"
     plan = write(tmp_path / "plan.yaml", text)
-    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=3e9))
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=1e9))
     result = gyrowheel("simulate", "--plan", plan, "-o", tmp_path / "run")
-    assert_refused(result, "plan long: 3600 s", "5.04 GB", "allowed: 3 GB", "gyrowheel up")
+    assert_refused(result, "plan long: 3600 s", "1.3 GB", "allowed: 1 GB", "gyrowheel up")
     assert list(tmp_path.iterdir()) == [plan]
 
 
