@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyrowheel_analysis.reduction.windows import HARMONICS, Windows
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS, added
 from gyrowheel_sim.instruments import held_response, smooth_response
 from gyrowheel_sim.jit import njit
 
+Array = NDArray[np.float64]
 Smooth = Literal["tilt", "spin_angle"]
 Held = Literal["coil_voltage", "motor_voltage", "motor_current"]
 
@@ -27,6 +30,9 @@ OF_MOTION = frozenset(
 )
 #: Those that show in harmonics alone, as the tilt's rate is small.
 _OF_HARMONICS = OF_MOTION - {"tilt_cubic", "tilt_cross_talk"}
+_ENCODER = ("encoder_once_x", "encoder_once_y", "encoder_twice_x", "encoder_twice_y")
+#: Angles of a turn, close enough for the products of the encoder's errors with the harmonics.
+_TURN: Array = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
 #: Relative errors of the tilt sensors up to which one repetition, and two, find the true tilt.
 _SMALL, _LARGE = 1.0e-3, 3.0e-2
 
@@ -121,13 +127,37 @@ class Instruments:
         delay, time, order = self._chain(channel)
         return delay + order * time
 
+    @cached_property
+    def _encoder(self) -> Array | None:
+        """What an encoder without zero error reads at the angles of `_TURN` [rad]; None if that is the angle."""
+        once_x, once_y, twice_x, twice_y = (self.values[name] for name in _ENCODER)
+        if not (once_x or once_y or twice_x or twice_y):
+            return None
+        once = once_x * np.cos(_TURN) + once_y * np.sin(_TURN)
+        return np.asarray(_TURN + once + twice_x * np.cos(2.0 * _TURN) + twice_y * np.sin(2.0 * _TURN))
+
+    def _by_reading(self, values: Any, reading: Array, order: int) -> Any:
+        """Return the amplitude of exp(i order reading) of values (..., angles) at the angles of `_TURN`."""
+        error = np.fft.rfft(reading - _TURN)
+        slope = 1.0 + np.fft.irfft(1j * np.arange(len(error)) * error, len(_TURN))
+        return values @ (np.exp(-1j * order * (reading + self.values["encoder_zero"])) * slope) / len(_TURN)
+
     def encoder(self, order: int) -> complex:
-        """Return the amplitude of exp(i order angle) in the error of the angle reading [rad], once or twice a turn."""
-        times = {1: "once", 2: "twice"}.get(abs(order))
-        if times is None:
+        """Return the amplitude of exp(i order reading) in the error of the angle reading, without its zero [rad]."""
+        if (reading := self._encoder) is None:
             return 0.0j
-        x, y = self.values[f"encoder_{times}_x"], self.values[f"encoder_{times}_y"]
-        return 0.5 * complex(x, -y if order > 0 else y)
+        return complex(self._by_reading(reading - _TURN, reading, order))
+
+    @cached_property
+    def mixing(self) -> NDArray[np.complex128] | None:
+        """The amplitudes of exp(i h reading), row by row, of exp(i h angle), column by column, for h in `HARMONICS`.
+
+        Both angles have the zero error of the encoder. None where the encoder has no other error.
+        """
+        if (reading := self._encoder) is None:
+            return None
+        waves = np.exp(1j * np.outer(HARMONICS, _TURN + self.values["encoder_zero"]))
+        return np.array([self._by_reading(waves, reading, to) for to in HARMONICS])
 
     def true_motion(self, windows: Windows) -> Windows:
         """Return windows in which tilt and spin rate are the true ones, harmonics by the true angle."""
@@ -137,9 +167,8 @@ class Instruments:
         if np.any(harmonics):
             one = np.ones(len(windows), dtype=complex)
             turned = np.stack([one / self.smooth("tilt", h, spin) for h in HARMONICS], axis=1)
-            harmonics = self._unmixed(
-                turned[:, :, None] * (harmonics + late * _rate(harmonics, half[:, None, None]))
-            )
+            early = harmonics + late * _rate(harmonics, half[:, None, None])
+            harmonics = turned[:, :, None] * self._unmixed(early)
         return replace(
             windows,
             tilt=windows.tilt + late * _rate(windows.tilt, half[:, None]),
@@ -154,19 +183,15 @@ class Instruments:
         turned = np.stack([one / self.held("motor_current", h, spin) for h in HARMONICS], axis=1)
         return replace(
             windows,
-            current_harmonics=self._unmixed(turned[:, :, None] * windows.current_harmonics),
+            current_harmonics=turned[:, :, None] * self._unmixed(windows.current_harmonics),
             current_ripple=windows.current_ripple / self.held("motor_current", self.ripple_order, spin),
         )
 
     def _unmixed(self, amplitudes: Any) -> Any:
         """Return amplitudes (n, harmonics, terms) by the true angle from those by a reading with encoder errors."""
-        errors = {k: self.encoder(k) for k in HARMONICS}
-        if not any(errors.values()):
+        if self.mixing is None:
             return amplitudes
-        mixing = np.array(
-            [[1j * h * errors.get(to - h, 0.0) if to != h else 1.0 for h in HARMONICS] for to in HARMONICS]
-        )
-        return np.einsum("th,nhk->ntk", mixing, amplitudes)
+        return np.einsum("th,nhk->ntk", np.linalg.inv(self.mixing), amplitudes)
 
     def true_tilt(self, reading: Any, rate: Any, acceleration: Any) -> tuple[Any, Any, Any]:
         """Return the true tilt for readings of sensors with cubic error and cross-talk, and its two derivatives.

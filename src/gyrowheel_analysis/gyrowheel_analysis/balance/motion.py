@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gyrowheel_analysis.balance.history import History
 from gyrowheel_analysis.balance.instruments import Held, Instruments
 from gyrowheel_analysis.reduction.motor_temperature import MOTOR_THERMAL
-from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
+from gyrowheel_analysis.reduction.windows import HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.quantities import REFERENCES
@@ -101,7 +101,7 @@ class Motion:
     weights : ndarray
         Weights of a mean over a window at a constant spin rate.
     order_weights : dict of int to ndarray (nodes, phases)
-        Weights of the amplitude of an order of `FORWARD`.
+        Weights of the amplitude of an order of `HARMONICS`.
     ripple_weights : ndarray (nodes, phases)
         Weights of the amplitude at the order of the motor's ripple.
     instruments : Instruments
@@ -142,7 +142,7 @@ class Motion:
         self._read_motion(w)
         share = np.repeat(WEIGHTS[:, None] / (2.0 * phases), phases, axis=1)
         self.weights = np.broadcast_to(share, self.shape)
-        self.order_weights = {order: np.exp(-1j * order * theta) * share for order in FORWARD}
+        self.order_weights = {order: np.exp(-1j * order * theta) * share for order in HARMONICS}
         self.ripple_weights = np.exp(-1j * ripple_order * theta) * share
         tau = half * NODES
         time = w.middle[:, None] + tau

@@ -15,6 +15,7 @@ from gyrowheel_analysis.channels import Channel, Quantity
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.targets import added, changed
+from gyrowheel_sim.instruments import held_factor
 
 Array = NDArray[np.float64]
 
@@ -74,11 +75,17 @@ class _Predicted:
         self.at, self.values, self.windows, self.bench = at, values, windows, bench
         self.motion, self.instruments = at.motion, at.motion.instruments
         self.perfect = self.instruments.perfect
+        self._amplitudes: dict[int, Any] = {}
 
     @cached_property
     def coil(self) -> Any:
         """Voltages of the coils, times the constant of the model's bench [N m]."""
         return self.bench.value("coil_constant") * coil_voltages(self.at.coil, self.at.laws, self.values)
+
+    @cached_property
+    def coil_error(self) -> Any:
+        """Contribution of the laws to the readings of these voltages, times the same constant [N m]."""
+        return self.bench.value("coil_constant") * self.error("coil_voltage_x", "coil_voltage_y")
 
     @cached_property
     def lag(self) -> Any:
@@ -130,17 +137,29 @@ class _Predicted:
 
     def coil_torque(self, channel: Channel) -> list[Array]:
         """Return the torque of the coils by their voltages, averaged or at an order of the spin rate."""
-        error = self.bench.value("coil_constant") * self.error("coil_voltage_x", "coil_voltage_y")
         if channel.group == "average":
             average = mean(self.coil, self.at.weights)
             # the gain of the torque from the beginning to the end is missing in the mean of a delayed quantity
             late = self.lag - self.instruments.lateness("coil_voltage")
             average = average + late * (self.coil.mean(axis=2) @ ACROSS) / self.windows.duration
-            return _components(average + self.mean_of(error))
-        lagging = 1.0 + 1j * channel.order * self.windows.mean_spin * self.lag
-        weights = self.motion.order_weights[channel.order]
-        torque = amplitude(self.coil, weights) * lagging + amplitude(error, weights)
-        return _components(torque * self.motion.shown("coil_voltage", channel.order))
+            return _components(average + self.mean_of(self.coil_error))
+        mixing = self.instruments.mixing
+        if mixing is None:
+            return _components(self.coil_amplitude(channel.order))
+        # the readings are mixed, before they stand for the voltages that act between two of them
+        turn = self.windows.mean_spin * self.instruments.period
+        parts = zip(mixing[HARMONICS.index(channel.order)], HARMONICS, strict=True)
+        read = sum(part * self.coil_amplitude(order) / held_factor(order, turn) for part, order in parts)
+        return _components(read * held_factor(channel.order, turn))
+
+    def coil_amplitude(self, order: int) -> Any:
+        """Return the amplitude of the coils' torque, as their voltages are read, at an order of the true angle."""
+        if order not in self._amplitudes:
+            lagging = 1.0 + 1j * order * self.windows.mean_spin * self.lag
+            weights = self.motion.order_weights[order]
+            torque = amplitude(self.coil, weights) * lagging + amplitude(self.coil_error, weights)
+            self._amplitudes[order] = torque * self.motion.shown("coil_voltage", order)
+        return self._amplitudes[order]
 
     def motor_torque(self, channel: Channel) -> list[Array]:
         """Return the torque of the motor by its current."""
@@ -201,14 +220,16 @@ class _Predicted:
     def encoder_angle(self, channel: Channel) -> list[Array]:
         """Return the angle's reading less its steady growth: the ripple of the speed, and the encoder's error."""
         order = channel.order
-        place = HARMONICS.index(order)
-        turn = 1j * order * self.windows.mean_spin
-        ripple = self.at.ripple[:, place] @ (0.5 * WEIGHTS) / turn
+        turn = self.windows.mean_spin[:, None] * self.motion.orders
+        ripple = self.at.ripple @ (0.5 * WEIGHTS) / turn
         # The torque is integrated twice as if its amplitude were constant; in a cone it turns with the tilt.
-        ripple = ripple - 2.0 * (self.at.ripple[:, place] @ ACROSS) / (turn**2 * self.windows.duration)
+        ripple = ripple - 2.0 * (self.at.ripple @ ACROSS) / (turn**2 * self.windows.duration[:, None])
         # the reading delays the ripple as it delays the angle itself: only its zero changes the phase
-        zero = np.exp(-1j * order * self.instruments.values["encoder_zero"])
-        return _components(ripple * zero + self.instruments.encoder(order))
+        ripple = ripple * np.exp(-self.motion.orders * self.instruments.values["encoder_zero"])
+        mixing = self.instruments.mixing
+        place = HARMONICS.index(order)
+        own = ripple[:, place] if mixing is None else ripple @ mixing[place]
+        return _components(own + self.instruments.encoder(order))
 
 
 _MEASURED: dict[Quantity, Callable[[Windows, Bench, Channel], list[Array]]] = {

@@ -27,6 +27,7 @@ from gyrowheel_analysis.reduction.samples import Array, Samples, unseen_noise
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
+from gyrowheel_sim.instruments import held_factor
 
 _BLOCK = 500  # samples with a scale of their own
 _BLOCKS_OF_WINDOW = 16
@@ -262,7 +263,7 @@ def fit_window(
     speed = float(means[_SPIN].real)
     forward = [HARMONICS.index(order) for order in FORWARD]
     mean = MEAN[:MODULATION]
-    held = _held(np.array(FORWARD), speed * hold)
+    held = held_factor(np.array(FORWARD), speed * hold)
     coil_held = bench.value("coil_constant") * held
     heating = interpolated(heat[0], heat[1], end) - interpolated(heat[0], heat[1], begin)
     return {
@@ -300,7 +301,7 @@ def fit_window(
         else np.zeros(len(FORWARD)),
         "spin_ripple": spin_ripple,
         "current_ripple": current_ripple,
-        "voltage_ripple": voltage_ripple * _held(bench.value("motor_ripple_order"), speed * hold),
+        "voltage_ripple": voltage_ripple * held_factor(bench.value("motor_ripple_order"), speed * hold),
         **attitude(surroundings),
         "tilt_rate_variance": change_variance * (tilt_noise / duration) ** 2,
         "spin_acceleration_variance": spin_variance,
@@ -544,15 +545,6 @@ def _sharp(left: Any, noise: float) -> NDArray[np.bool_]:
         usual = usual[usual <= EDGE_OF_MOTION * np.median(usual) / _MEDIAN_OF_SQUARES]
         found |= off > EDGE_OF_MOTION * max(float(usual.mean()), 2.0 * count * noise**2)
     return found
-
-
-def _held(order: Any, turn: float) -> Any:
-    """Return the factor from the amplitude of a sampled voltage to that of the held voltage.
-
-    A voltage is read at the end of the interval in which it acts; `turn` is the spin angle of an interval [rad].
-    """
-    half = 0.5 * order * turn
-    return np.exp(1j * half) * np.sinc(half / math.pi)
 
 
 def _ripple(left: Array, angle: Array, bench: Bench) -> NDArray[np.complex128]:

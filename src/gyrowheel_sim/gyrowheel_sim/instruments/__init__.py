@@ -59,6 +59,15 @@ def held_response(
     return np.asarray((lines * smooth_response(at, delay, time, order)).sum(axis=-1), dtype=np.complex128)
 
 
+def held_factor(order: Any, turn: Any) -> Any:
+    """Return the factor from the amplitude of a sampled voltage to that of the held voltage.
+
+    A voltage is read at the end of the interval in which it acts; `turn` is the spin angle of an interval [rad].
+    """
+    half = 0.5 * order * turn
+    return np.exp(1j * half) * np.sinc(half / np.pi)
+
+
 class Column(IntEnum):
     """An index into an array, with unit, meaning and, for a state, initial value.
 
