@@ -206,3 +206,16 @@ def test_torque_of_motion_below_the_noise_is_that_of_the_early_reading_that_was_
 
     assert missed(problem) > 50.0
     assert missed(prepared.reweighed(fit).problem) < 0.1 * missed(problem)
+
+
+@pytest.mark.slow
+def test_an_instrument_is_ranked_by_its_gain_next_to_another_one_that_was_found(tmp_path: Path) -> None:
+    """Late tilts and early voltages turn the same torques: what is left next to one delay is small."""
+    hidden = {"tilt_delay": {"d": 4.8e-4}, "coil_voltage_delay": {"d": -2.0e-4}}
+    problem = prepare([record(tmp_path, "run", hidden_machine(21, hidden), "quick")], Model(BENCH)).problem
+    late, early = (problem.unknowns.term(name) for name in hidden)
+    fit = problem.fit([late])
+    gains = {term: gain for gain, term in rank(problem, fit, [early, problem.unknowns.term("aero_cross")])}
+    gained = fit.chi2 - problem.fit([late, early], fit).chi2
+    assert gained > 40.0
+    assert gains[early] == pytest.approx(gained, rel=0.2)

@@ -248,14 +248,20 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
             result.append((float(white @ (solution @ step)), term))
         return sorted(result, key=lambda pair: -pair[0])
 
+    def at_the_fit(term: Term) -> Array:
+        if known:
+            return problem.prediction.amplitude_columns(term, current, current.jacobian)
+        return problem.term_jacobian(term, current, term.amplitudes)
+
     result = ranked(pool, problem.prediction.stated_columns)
-    foremost = [term for _, term in result[:_EXACT]]
-    exact = ranked(
-        foremost, lambda term: problem.prediction.amplitude_columns(term, current, current.jacobian)
-    )
-    as_stated = {term: gain for gain, term in result}
-    exact = [(max(gain, as_stated[term]), term) for gain, term in exact]
-    return sorted([*exact, *result[_EXACT:]], key=lambda pair: -pair[0])
+    # next to an instrument that is not as stated, another one shows otherwise than in the derivatives that are known
+    known = not any(map(is_instrument, current.terms))
+    near = dict.fromkeys(term for _, term in result[:_EXACT])
+    if not known:
+        near |= dict.fromkeys(term for _, term in result if is_instrument(term))
+    gains = {term: gain for gain, term in result}
+    gains |= {term: max(gain, gains[term]) for gain, term in ranked(list(near), at_the_fit)}
+    return sorted(((gain, term) for term, gain in gains.items()), key=lambda pair: -pair[0])
 
 
 def _swapped(problem: Problem, fit: Fit, pool: Sequence[Term]) -> Fit:
