@@ -34,8 +34,6 @@ from gyrowheel_recording.bags import Recording, parted
 
 _ROUNDS = 3  # of selecting effects given events and searching events given effects
 _HOPELESS = 5.0  # times the accepted lack of fit, after which events are given up
-#: Readings whose shift looks like a torque in every window.
-_READINGS = {"torque_x": ("coil_voltage_x",), "torque_y": ("coil_voltage_y",)}
 
 
 @dataclass(frozen=True)
@@ -188,7 +186,7 @@ def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequen
             standard_error=error,
             unit=QUANTITIES[event.quantity].unit,
             gain=own.gain,
-            ties=(*_READINGS.get(event.quantity, ()), *own.ties),
+            ties=own.ties,
         )
         for own, event, size, error in _sizes(problem, fit, found)
         if event.kind in HAPPENS

@@ -217,9 +217,13 @@ def _on_shaft(balance: Balance, torque: Array) -> dict[str, Array]:
     return {"spin": -torque, "motor_voltage": -torque * v("motor_resistance") / v("motor_constant")}
 
 
-def _on_case(torque: NDArray[np.complex128]) -> dict[str, Array]:
-    """Return the rows of a torque on the rotor in case axes, x + i y: the coils compensate it."""
-    return {"tilt_x": -torque.real, "tilt_y": -torque.imag}
+def _on_case(balance: Balance, torque: NDArray[Any]) -> dict[str, Array]:
+    """Return the rows of a torque across the rotor in case axes, x + i y: the coils compensate it.
+
+    They push in case axes, not across the tilted rotor, so that a part of their torque is along its spin axis.
+    """
+    along = _on_shaft(balance, np.imag(torque * balance.windows.mean_tilt.conj()))
+    return {"tilt_x": -torque.real, "tilt_y": -torque.imag, **along}
 
 
 def _speed(balance: Balance) -> Array:
@@ -232,9 +236,8 @@ def _tilt(balance: Balance) -> NDArray[np.complex128]:
 
 def _lagging(balance: Balance, lag: float) -> dict[str, Array]:
     """Return the rows of a torque against a moved tilt, which relaxes at rest."""
-    return _on_case(
-        -lead(balance.windows, balance.windows.mean_tilt, lag) / balance.bench.value("tilt_reference")
-    )
+    behind = lead(balance.windows, balance.windows.mean_tilt, lag) / balance.bench.value("tilt_reference")
+    return _on_case(balance, -behind)
 
 
 def _gain(balance: Balance) -> dict[str, Array]:
@@ -262,6 +265,11 @@ def _gain_of_axis(balance: Balance, axis: Literal["x", "y"]) -> dict[str, Array]
     return {row: rows if row == own else 0.5 * rows for row, rows in _gain(balance).items() if row != other}
 
 
+def _read_by_coil(balance: Balance, axis: Literal["x", "y"]) -> dict[str, Array]:
+    """Return the rows of the voltage of a coil whose reading is larger by a volt."""
+    return {f"tilt_{axis}": _ones(balance, balance.bench.value("coil_constant"))}
+
+
 def _by_parameter(balance: Balance, name: str, unit: float = 1.0) -> dict[str, Array]:
     """Return the rows of a parameter of the bench that is larger by a unit, where it shows."""
     rows = balance.by_parameter(name) * unit
@@ -277,9 +285,13 @@ def _torque(bench: Bench) -> float:
     return _TORQUE * torque_scale(bench)
 
 
+def _volts(bench: Bench) -> float:
+    return _torque(bench) / bench.value("coil_constant")
+
+
 _ALL = (
-    EventQuantity("torque_x", "N*m", ("coil_voltage",), lambda b: {"tilt_x": _ones(b, -1.0)}, _torque),
-    EventQuantity("torque_y", "N*m", ("coil_voltage",), lambda b: {"tilt_y": _ones(b, -1.0)}, _torque),
+    EventQuantity("torque_x", "N*m", ("coil_voltage",), lambda b: _on_case(b, _ones(b)), _torque),
+    EventQuantity("torque_y", "N*m", ("coil_voltage",), lambda b: _on_case(b, 1j * _ones(b)), _torque),
     EventQuantity(
         "spin_torque", "N*m", ("motor_current", "motor_voltage"), lambda b: _on_shaft(b, _ones(b)), _torque
     ),
@@ -292,13 +304,15 @@ _ALL = (
         "motor_voltage", "V", ("motor_voltage",), lambda b: {"motor_voltage": _ones(b)},
         lambda bench: _torque(bench) * bench.value("motor_resistance") / bench.value("motor_constant"),
     ),
+    EventQuantity("coil_voltage_x", "V", ("coil_voltage",), lambda b: _read_by_coil(b, "x"), _volts),
+    EventQuantity("coil_voltage_y", "V", ("coil_voltage",), lambda b: _read_by_coil(b, "y"), _volts),
     EventQuantity(
         "spin_torque_by_speed", "N*m", ("motor_current", "motor_voltage"),
         lambda b: _on_shaft(b, _speed(b)), _torque,
     ),
-    EventQuantity("torque_along_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(_tilt(b)), _torque),
+    EventQuantity("torque_along_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(b, _tilt(b)), _torque),
     EventQuantity(
-        "torque_across_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(1j * _tilt(b) * _speed(b)), _torque
+        "torque_across_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(b, 1j * _tilt(b) * _speed(b)), _torque
     ),
     EventQuantity("coil_gain", "1", ("coil_voltage",), _gain, lambda bench: 0.02),
     EventQuantity(
@@ -329,13 +343,17 @@ _ALL = (
 
 #: A torque that follows the tilt with a delay; no other event changes it.
 AFTER_TILT = EventQuantity(
-    "torque_after_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(_tilt(b)), _torque
+    "torque_after_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(b, _tilt(b)), _torque
 )
 #: Quantities that may change, by name: the simplest first.
 QUANTITIES: dict[str, EventQuantity] = {quantity.name: quantity for quantity in (*_ALL, AFTER_TILT)}
 
 #: Quantities that may change together: both axes of a torque or of a reading. Any other quantity changes alone.
-_PAIRS = (("torque_x", "torque_y"), ("tilt_reading_x", "tilt_reading_y"))
+_PAIRS = (
+    ("torque_x", "torque_y"),
+    ("coil_voltage_x", "coil_voltage_y"),
+    ("tilt_reading_x", "tilt_reading_y"),
+)
 #: Every quantity once, the simplest first, with the one that may change together with it.
 TOGETHER: tuple[tuple[str, ...], ...] = tuple(
     dict.fromkeys(

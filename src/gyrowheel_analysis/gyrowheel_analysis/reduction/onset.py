@@ -269,6 +269,8 @@ def _tilt_momentum(time: Array, own: Readings, bench: Bench, quantity: str, turn
     changes = {
         "torque_x": np.ones_like(z),
         "torque_y": np.full_like(z, 1j),
+        "coil_voltage_x": np.ones_like(z),
+        "coil_voltage_y": np.full_like(z, 1j),
         "torque_along_tilt": z,
         "torque_across_tilt": 1j * z * spin,
         "coil_gain": coil,

@@ -60,8 +60,8 @@ _WHAT = {
     "motor_constant": "a change of {} in torque and voltage constant of the motor",
     "encoder_zero": "a slip of {} of the encoder",
     "torque_after_tilt": "a torque of {} against it",
-    "coil_voltage_x": "a shift in the reading of coil voltage x",
-    "coil_voltage_y": "a shift in the reading of coil voltage y",
+    "coil_voltage_x": "a shift of {} in the reading of coil voltage x",
+    "coil_voltage_y": "a shift of {} in the reading of coil voltage y",
     "attitude": "a turning of the rig, whose attitude is not recorded",
 }
 _DRIFTS = {
