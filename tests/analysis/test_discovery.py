@@ -18,6 +18,9 @@ from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.criteria import SETTLING_SEPARATION
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
+from gyrowheel_analysis.diagnosis.selection import select
+from gyrowheel_analysis.diagnosis.unknown import search
+from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.model import Model, Override
 from gyrowheel_control.loops.controller import Gains
 from gyrowheel_control.plans.plan import Plan
@@ -539,3 +542,14 @@ def test_two_recordings_of_one_run_are_the_same_bytes(tmp_path: Path) -> None:
         record(tmp_path / name, "run", machine, "check")
     first, second = (next((tmp_path / name / "run").glob("*.mcap")).read_bytes() for name in ("one", "two"))
     assert first == second
+
+
+@pytest.mark.slow
+def test_two_effects_that_work_against_each_other_are_not_replaced_by_a_formula_that_does_so_too(
+    tmp_path: Path,
+) -> None:
+    machine = hidden_machine(41, {"coil_tilt": {"g": -5.0e-3}, "tilt_nonlinearity": {"q": 1.0}})
+    problem = prepare([record(tmp_path, "run", machine, "survey")], Model(BENCH)).problem
+    selection = select(problem)
+    assert {term.name for term in selection.best.terms} == {"coil_tilt", "tilt_nonlinearity"}
+    assert search(problem, selection) is None

@@ -141,7 +141,10 @@ def search(
             if fit is None:
                 continue
             found = Proposal(term, fit, base - problem.evidence(fit))
-            if found.gain > needed and implausible(problem, fit) is None:
+            if not found.gain > needed or implausible(problem, fit) is not None:
+                continue
+            # a form that cancels an effect in the place of another one explains no more than that did
+            if found.gain > FORM_GAIN or not (cancels and cancelling(problem, fit)):
                 best, needed = found, found.gain
     return None if best is None else _simplest(problem, best, base)
 
