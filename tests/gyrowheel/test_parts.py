@@ -71,19 +71,21 @@ def test_parts_of_one_recording_may_not_overlap(folder):
 def test_an_event_is_reported_first_with_the_parts_before_and_after_it(folder):
     recording = Recording.open(folder)
     measurement = recording.measurement.copy()
-    measurement["coil_voltage_x"] -= 0.05 * (recording.time > 25.0)
+    measurement["coil_voltage_x"] -= 0.02 * (recording.time > 25.0)
     found = Diagnosis.of(
         diagnose([replace(recording, measurement=measurement)], gw.Model("gyrowheel").details)
     )
     (event,) = json.loads(json.dumps(found.to_dict()))["events"]
-    assert (event["kind"], event["unit"], event["recording"]) == ("step", "N*m", str(folder))
+    assert (event["kind"], event["unit"], event["recording"]) == ("step", "V", str(folder))
     assert event["time"] == pytest.approx(25.0, abs=0.3)
-    assert event["size"] == pytest.approx(1.0e-3, abs=5.0 * event["standard_error"])
+    assert event["size"] == pytest.approx(-0.02, abs=5.0 * event["standard_error"])
     assert found.sentence.startswith("At 25.0") or found.sentence.startswith("At 24.9")
-    assert " mN·m about case x appeared and stayed. " in found.sentence
+    assert " mV in the reading of coil voltage x appeared and stayed. " in found.sentence
     assert found.parts == (f"{folder}@until={event['time']:.1f}", f"{folder}@from={event['time']:.1f}")
     for width in (80, 120):
-        assert "could also be a shift in the reading of coil" in plain_text(found.page(), width)
+        assert "could also be a torque about case x: these" in " ".join(
+            plain_text(found.page(), width).split()
+        )
     # each part is a recording like any other
     for part in found.parts:
         assert gw.Recording.open(part).name == part.rpartition("/")[2]

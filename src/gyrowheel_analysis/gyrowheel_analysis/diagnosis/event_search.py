@@ -25,6 +25,7 @@ from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
 
 _MOST = 6
+_AXES = frozenset(("_x", "_y"))  # as names of quantities end
 _ROUNDS = 3  # of fitting every event next to the others
 
 
@@ -56,7 +57,7 @@ def search_events(
                 if len(laws) > MOTION_LAWS:
                     break
                 continue
-        found.append(replace(dated, ties=_ties(candidates, best)))
+        found.append(replace(dated, ties=_ties(candidates, best, dated)))
     return fitted_together(problem, fit, found, laws, recordings), laws
 
 
@@ -160,9 +161,9 @@ def _alike(left: Sequence[Event], right: Sequence[Event]) -> bool:
     return all(abs(a - b) < EVENT_SAME for a, b in zip(left[0].edges, right[0].edges, strict=True))
 
 
-def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
-    """Return other quantities whose change at the same time gains nearly as much."""
-    first = best.first
+def _ties(candidates: Sequence[Candidate], best: Candidate, dated: Found) -> tuple[str, ...]:
+    """Return other quantities whose change at the same time gains nearly as much, of both axes those that changed."""
+    first, axes = best.first, {event.quantity[-2:] for event in dated.events} & _AXES
     near = [
         name
         for c in candidates
@@ -171,6 +172,7 @@ def _ties(candidates: Sequence[Candidate], best: Candidate) -> tuple[str, ...]:
         and (c.first.recording, c.first.kind) == (first.recording, first.kind)
         and all(abs(a - b) < EVENT_NEAR for a, b in zip(c.first.edges, first.edges, strict=True))
         for name in c.quantities
+        if not axes or name[-2:] not in _AXES - axes
     ]
     return tuple(dict.fromkeys(near))
 
