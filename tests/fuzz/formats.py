@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import scipy.io
+from pyarrow import feather
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
@@ -87,6 +88,11 @@ def _whole(folder: Path) -> list[tuple[str, bytes]]:
     parquet: list[dict[str, Any]] = [{}, {"compression": "zstd"}, {"version": "1.0", "use_dictionary": False}]
     for number, packing in enumerate(parquet):
         pq.write_table(pa.table(table), folder / f"{number}.parquet", **packing)
+    feather.write_feather(pa.table(table), str(folder / "lz4.feather"))
+    feather.write_feather(pa.table(table), str(folder / "plain.feather"), compression="uncompressed")
+    np.savez(folder / "plain.npz", **table)
+    np.savez_compressed(folder / "packed.npz", **table)
+    np.save(folder / "records.npy", np.rec.fromarrays(list(table.values()), names=list(table)))
     _bags(folder, table)
     return [(file.name, file.read_bytes()) for file in sorted(folder.iterdir())]
 

@@ -16,6 +16,7 @@ import nptdms
 import numpy as np
 import pyarrow.parquet as pq
 import scipy.io
+from pyarrow import feather
 from rosbags import rosbag1
 from rosbags.typesys import Stores, get_typestore
 
@@ -115,6 +116,21 @@ def _parquet(path: Path) -> Iterator[tuple[str, Any]]:
     yield from ((str(name), table[name].to_numpy()) for name in table)
 
 
+def _feather(path: Path) -> Iterator[tuple[str, Any]]:
+    table = feather.read_table(str(path), memory_map=False).flatten().to_pandas()
+    yield from ((str(name), table[name].to_numpy()) for name in table)
+
+
+def _archive(path: Path) -> Iterator[tuple[str, Any]]:
+    with np.load(path) as file:
+        yield from file.items()
+
+
+def _records(path: Path) -> Iterator[tuple[str, Any]]:
+    array = np.load(path)
+    yield from ((name, array[name]) for name in array.dtype.names)
+
+
 def _joints(messages: Iterator[Any]) -> Iterator[tuple[str, Any]]:
     found: dict[str, list[float]] = {}
     for own in messages:
@@ -154,6 +170,9 @@ _READERS = {
     ".tdms": _tdms,
     ".mf4": _mdf,
     ".parquet": _parquet,
+    ".feather": _feather,
+    ".npz": _archive,
+    ".npy": _records,
     ".bag": _bag,
     ".mcap": _mcap,
     ".db3": _database,

@@ -97,6 +97,25 @@ def write_mat5(file: Path, columns: Columns, units: dict[str, str]) -> Path:
     return file
 
 
+def write_numpy(file: Path, columns: Columns, units: dict[str, str]) -> Path:
+    """Write an archive of arrays (``.npz``), or one array of records (``.npy``)."""
+    named = {_plain(name, units): values for name, values in columns.items()}
+    if file.suffix == ".npz":
+        np.savez(file, **named)
+    else:
+        np.save(file, np.rec.fromarrays(list(named.values()), names=list(named)))
+    return file
+
+
+def write_feather(file: Path, columns: Columns, units: dict[str, str]) -> Path:
+    import pyarrow as pa
+    from pyarrow.feather import write_feather
+
+    fields = [pa.field(name, pa.float64(), metadata={"unit": units[name]}) for name in columns]
+    write_feather(pa.table(list(columns.values()), schema=pa.schema(fields)), str(file))
+    return file
+
+
 def write_hdf5(file: Path, columns: Columns, units: dict[str, str], *, matlab: bool = False) -> Path:
     """Write an HDF5 file, or one as MATLAB 7.3 does: behind a head of 512 bytes, vectors as rows."""
     import h5py

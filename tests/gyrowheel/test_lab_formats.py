@@ -110,6 +110,13 @@ def beckhoff(own: Lines) -> Lines:
     return [names, "SampleTime[ms]" + ";1" * 11, units, "", *own[1:]]
 
 
+def grouped(own: Lines) -> Lines:
+    """As catman and pandas write: axes and quantities in one line, what they are of above, once for each group."""
+    groups = "Bench;Tilt;;Shaft;;Coil;;Motor;;Temperature;;Air"
+    names = "Time;X;Y;Angle;Speed;X;Y;Voltage;Current;Coil;Air;Pressure"
+    return [groups, names, heads(own[0])[1], *own[1:]]
+
+
 def heads(names: str) -> tuple[str, str]:
     """Return a line of names, and one of units."""
     parts = [name[:-1].split(" [") for name in names.split(";")]
@@ -139,6 +146,7 @@ WRITTEN: dict[str, tuple[Callable[[Table], None], str]] = {
     "rows of delimiters alone": (lines(lambda own: [*own[:500], ";" * 11, *own[500:], ";" * 11]), ""),
     "names, units and how often, as Campbell writes": (lines(campbell), ""),
     "names, rates and units, as Beckhoff writes": (lines(beckhoff), ""),
+    "names in groups": (lines(grouped), ""),
     "a degree written as an ordinal": (lines(lambda own: [own[0].replace("degC", "ºC"), *own[1:]]), ""),
     "numbers and names in quotes": (quoted, "have signs between the thousands"),
 }
@@ -417,6 +425,49 @@ def test_small_whole_numbers_as_times_do_not_overflow(kind: str) -> None:
     else:
         with pytest.raises(gw.InputError, match="before the row before"):
             gw.read_table(table, content)
+
+
+def test_a_table_with_a_row_for_every_value_is_reported(tmp_path: Path) -> None:
+    table = Table()
+    names = list(table.columns)[1:]
+    rows = [
+        f"{time};{name};{table.columns[name][k]}"
+        for k, time in enumerate(table.columns["Time [s]"])
+        for name in names
+    ]
+    file = tmp_path / "long.csv"
+    file.write_text("\n".join(["time;signal;value", *rows]) + "\n")
+    first, *_ = gw.suggest_map(file).questions
+    assert "a row for every value, and 'signal' names what it is" in first
+    assert "pivot(index=TIME, columns='signal', values='value')" in first
+
+
+def test_times_of_a_thermometer_are_no_temperature(tmp_path: Path) -> None:
+    """Each signal of an HDF5 file in a group of its own, with its times."""
+    import h5py
+
+    table = Table()
+    with h5py.File(tmp_path / "groups.h5", "w") as file:
+        for name in table.columns:
+            if name != "Time [s]":
+                step = 100 if name.startswith("Coil temp") else 1
+                group = file.create_group(name.partition(" [")[0].replace("Coil temp", "tc"))
+                group["t"], group["data"] = (table.numbers(own)[::step] for own in ("Time [s]", name))
+    found = gw.suggest_map(tmp_path / "groups.h5")
+    assert not any("tc/t'" in question for question in found.questions)
+    assert "tc/data" in {own["column"] for own in found.content["columns"].values()}
+    assert "tc/t" not in {own["column"] for own in found.content["columns"].values()}
+
+
+def test_objects_in_an_archive_of_numpy_are_left_out(tmp_path: Path) -> None:
+    own = columns()
+    np.savez_compressed(tmp_path / "lab.npz", **own, about=np.array([{"bench": 3}, None], dtype=object))
+    found = gw.suggest_map(tmp_path / "lab.npz")
+    assert found.settled, found.questions
+    assert any("about is left out: its cells are objects of Python" in remark for remark in found.remarks)
+    np.save(tmp_path / "bare.npy", np.column_stack(list(own.values())))
+    with pytest.raises(gw.InputError, match=r"whose columns have no names; save it as \.npz"):
+        gw.suggest_map(tmp_path / "bare.npy")
 
 
 def test_tables_of_pandas_that_are_indexed_by_their_times() -> None:

@@ -74,6 +74,9 @@ def written(folder: Path, columns: dict[str, np.ndarray], units: dict[str, str])
         lab.write_mat5(folder / "lab5.mat", columns, units),
         lab.write_hdf5(folder / "lab73.mat", columns, units, matlab=True),
         lab.write_hdf5(folder / "lab.h5", columns, units),
+        lab.write_numpy(folder / "lab.npz", columns, units),
+        lab.write_numpy(folder / "lab.npy", columns, units),
+        lab.write_feather(folder / "lab.feather", columns, units),
         lab.write_tdms(folder / "lab.tdms", columns, units),
         lab.write_mdf(folder / "lab.mf4", columns, units),
     ]

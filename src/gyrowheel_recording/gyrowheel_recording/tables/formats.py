@@ -12,7 +12,7 @@ from typing import Final
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.tables import apart
 from gyrowheel_recording.tables.grid import Grid
-from gyrowheel_recording.tables.readers import arrow, bag, hdf5, lvm, matlab, mdf, tdms
+from gyrowheel_recording.tables.readers import arrays, arrow, bag, hdf5, lvm, matlab, mdf, tdms
 from gyrowheel_recording.tables.readers import text_table as texts
 from gyrowheel_recording.tables.text import text_of, unicode_of
 
@@ -24,7 +24,7 @@ _HDF5: Final = b"\x89HDF\r\n\x1a\n"
 class Format:
     """A format of tables."""
 
-    name: str  # short name: ``text``, ``parquet``, ``mat``, ``hdf5``, ``tdms``, ``mdf``, ``lvm`` or ``bag``
+    name: str  # short name, such as ``text`` or ``parquet``
     title: str  # what it is called
     endings: tuple[str, ...]  # usual endings, by which a file is known that does not show what it is
     begins: Callable[[bytes], bool]  # whether a file that begins with some bytes is of it
@@ -61,6 +61,15 @@ _FORMATS: Final = (
         hdf5.read,
         "h5py",
     ),
+    Format("numpy", "NumPy", (".npz", ".npy"), arrays.begins, arrays.read, "numpy"),
+    Format(
+        "feather",
+        "Feather",
+        (".feather", ".arrow"),
+        lambda h: h.startswith(b"ARROW1"),
+        arrow.read_feather,
+        "pyarrow.ipc",
+    ),
     Format("tdms", "TDMS", (".tdms",), lambda h: h.startswith(b"TDSm"), tdms.read, "nptdms"),
     Format(
         "mdf",
@@ -90,17 +99,20 @@ _FORMATS: Final = (
 _BY_NAME: Final = {own.name: own for own in _FORMATS}
 #: What can be read, for messages.
 READABLE: Final = (
-    "text as CSV (plain, .gz, .zst), Parquet, MATLAB .mat, HDF5, TDMS, MDF4 .mf4, bags of ROS 2 and ROS 1"
+    "text as CSV (plain, .gz, .zst), Parquet, Feather, MATLAB .mat, HDF5, NumPy .npz, TDMS, MDF4 .mf4, bags of ROS 2 "
+    "and ROS 1"
 )
 #: What is sometimes taken for a table, and what to do with it.
 _OTHERS: Final = (
     (b"PK\x03\x04", "a zip archive or a spreadsheet; save its sheet as CSV"),
     (b"\xd0\xcf\x11\xe0", "a spreadsheet; save its sheet as CSV"),
-    (b"ARROW1", "a Feather file; save it as Parquet"),
-    (b"FEA1", "a Feather file; save it as Parquet"),
+    (b"FEA1", "a Feather file of version 1; save it as Parquet"),
     (b"CDF\x01", "a netCDF 3 file; `nccopy -k nc4` makes netCDF 4 of it"),
     (b"CDF\x02", "a netCDF 3 file; `nccopy -k nc4` makes netCDF 4 of it"),
-    (b"\x93NUMPY", "an array of NumPy, whose columns have no names; save it as CSV with a line of names"),
+    (
+        b"\x93NUMPY",
+        "an array of NumPy, whose columns have no names; save it as .npz, an array for every reading",
+    ),
     (b"{", "JSON; save it as CSV or Parquet, a column for every reading"),
     (b"[{", "JSON; save it as CSV or Parquet, a column for every reading"),
     (b"%PDF", "a PDF"),

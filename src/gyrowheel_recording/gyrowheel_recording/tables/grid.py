@@ -139,6 +139,8 @@ def split(name: str, values: Any, *, unit: str = "", joint: str = ".") -> list[C
         return [column for columns in fields for column in columns]
     if array.dtype.kind not in "biufM" or array.size < 2:
         return []
+    if array.dtype.kind == "M":
+        array = array.astype("datetime64[ns]")
     array = np.squeeze(array)
     if array.ndim == 1:
         return [Column(name, array, unit)]

@@ -342,10 +342,25 @@ def _tried(
         at, found = above, _head(lines[above], delimiter, shape)
     if units:
         units = [*units, *[""] * len(found)][: len(found)]
+    if at - 1 in named:
+        found = _grouped(_head(lines[at - 1], delimiter, shape), found)
     # up to the last line of words; a row with an odd cell is a row
     below = max((k - at for k in range(at + 1, first) if table.words[k] and not numeric[k]), default=0)
     form = TextForm(delimiter, decimal, at, below, comment, encoding, tuple(found), tuple(units))
     return size, width, form
+
+
+def _grouped(groups: Sequence[str], names: list[str]) -> list[str]:
+    """Return names with those of the groups in the line above, where only these make equal names differ.
+
+    The name of a group may stand above its first column alone.
+    """
+    joint, group = [], ""
+    for above, name in zip(groups, names, strict=False):
+        group = above or group
+        joint.append(f"{group} {name}".strip() if name else "")
+    repeat = len(set(names)) < len(names) == len(set(joint))
+    return joint if repeat else names
 
 
 def _comment_mark(line: str, *, without: str = "") -> str:

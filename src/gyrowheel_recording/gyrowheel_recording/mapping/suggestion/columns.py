@@ -34,6 +34,8 @@ _SLOW: Final = frozenset(["coil_temperature", "air_temperature", "air_pressure",
 #: Readings of which not all are zero, whatever the wheel does.
 _NEVER_STILL: Final = frozenset(READINGS) - frozenset(["spin_angle"])
 _FEWEST_INPUTS: Final = 4  # equal names with numbers that are inputs of a device, and not axes
+_FEWEST_NAMED: Final = 4  # readings that a column of texts names
+_SHOWN: Final = 3  # of them, in a message
 _COUNTED: Final = re.compile(r"^(.*?)(\d+|(?<=[ _])[A-H])(\D?)$", re.DOTALL)
 _IN_BRACKETS: Final = re.compile(r"[({<][^(){}<>]*[)}>]")
 #: A name with a number in it: what stands before the last one, and behind it.
@@ -49,8 +51,10 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
     names = {name: what for name, what in every.items() if _usable(grid.columns[name], what)}
     claims: list[tuple[float, int, str, str]] = []
     for order, (name, what) in enumerate(names.items()):
-        column = grid.columns[name]
+        column, times = grid.columns[name], _is_clock(grid, name)
         for own, clear in what.fields.items():
+            if times and own not in (TIME, SEQUENCE):
+                continue  # the times of a signal are named after it
             score = float(clear) - 4.0 * what.commanded + 0.5 * bool(what.unit) + _likely(column, own, what)
             claims.append((-score, order, name, own))
     found: dict[str, Proposal] = {}
@@ -83,6 +87,8 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
                 f"tilt_x: {{column: {first}, unit: deg, scale: 0.5}}.",
             )
         )
+    if not {"tilt_x", "tilt_y"} & found.keys() and (problem := _value_a_row(grid)) is not None:
+        problems.append(problem)
     if "spin_angle" in found:
         found["spin_angle"] = counted_angle(found["spin_angle"], grid, found, problems)
     else:
@@ -127,7 +133,7 @@ def _thermometers(
     """Take unspecified thermometers for missing temperatures; of several it is asked which is which."""
     guesses = []
     for name, what in names.items():
-        if TEMPERATURE in what.fields and name not in taken and not what.commanded:
+        if TEMPERATURE in what.fields and not (name in taken or what.commanded or _is_clock(grid, name)):
             free = [f for f in ("air_temperature", "coil_temperature") if f not in found]
             proposal = _proposed(free[0], grid.columns[name], what, bench) if free else None
             if proposal is not None:
@@ -284,6 +290,31 @@ def _time_by_values(
                 found[TIME] = replace(proposal, reason=f"rises evenly; {proposal.reason}")
                 taken.add(name)
                 return
+
+
+def _is_clock(grid: Grid, column: str) -> bool:
+    """Whether a column has times, by its name within its folder: those that never fall."""
+    own = grid.columns[column]
+    if not own.numeric or TIME not in meaning_of(column[len(_folder(column)) :], own.unit).fields:
+        return False
+    return bool(np.all(np.diff(own.values[:SOME].astype(np.float64)) >= 0.0))
+
+
+def _value_a_row(grid: Grid) -> Problem | None:
+    """Return the problem of a table with a row for each value, in which a text names the reading."""
+    texts = [own for own in grid.columns.values() if not (own.numeric or own.dated)]
+    numbers = [name for name, own in grid.columns.items() if own.numeric and not _is_clock(grid, name)]
+    for own in texts if len(numbers) == 1 else ():
+        first = [str(value) for value in own.values]
+        named = set(first)
+        if _FEWEST_NAMED <= len(named) <= len(first) / 2:
+            shown = ", ".join(sorted(named)[:_SHOWN])
+            return Problem(
+                f"the table has a row for every value, and '{own.name}' names what it is: {shown} ...",
+                "Save it with a column for each of them, as by pandas: "
+                f"table.pivot(index=TIME, columns='{own.name}', values='{numbers[0]}').reset_index().",
+            )
+    return None
 
 
 def _clock_for(grid: Grid, column: str, usual: str) -> str:

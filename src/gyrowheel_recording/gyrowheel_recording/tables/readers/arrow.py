@@ -1,9 +1,9 @@
-"""Parquet files and tables of arrow."""
+"""Parquet and Feather files, and tables of arrow."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.ipc
 import pyarrow.parquet as pq
 
 from gyrowheel_core.errors import InputError, one_line
@@ -42,8 +43,36 @@ def read(path: Path, names: Sequence[str] | None) -> Grid:
                 found = of_table(file.read(columns=wanted), str(path))
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
-    left_out = [f"{name} is left out: its cells are of {kinds[name]}" for name in others]
+    return _without(found, {name: kinds[name] for name in others})
+
+
+def read_feather(path: Path, names: Sequence[str] | None) -> Grid:
+    """Read a Feather file of version 2, a file of arrow (see `formats.read_grid`)."""
+    try:
+        with path.open("rb") as opened:
+            table = pa.ipc.open_file(opened).read_all()
+            table.validate(full=True)  # arrow trusts the places of texts in a file
+            table = _flat(table)
+            asked = [k for k, own in enumerate(table.schema) if names is None or own.name in names]
+            wanted = [k for k in asked if _size(table.schema[k].type)]
+            others = {own.name: own.type for own in map(table.schema.field, asked) if not _size(own.type)}
+            found = of_table(table.select(wanted), str(path))  # by number: names may be there twice
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read: {one_line(error)}") from None
+    return _without(found, others)
+
+
+def _without(found: Grid, others: Mapping[str, Any]) -> Grid:
+    """Return a table with remarks on columns that are left out, by their names and types."""
+    left_out = [f"{name} is left out: its cells are of {kind}" for name, kind in others.items()]
     return replace(found, remarks=(*found.remarks, *left_out))
+
+
+def _flat(table: Any) -> Any:
+    """Return a table with the fields of records as columns, as record.field."""
+    while any(pa.types.is_struct(field.type) for field in table.schema):
+        table = table.flatten()
+    return table
 
 
 def _cells(fields: Iterable[Any], above: str = "") -> Iterator[tuple[str, Any]]:
@@ -74,8 +103,7 @@ def _size(kind: Any) -> float:
 def of_table(table: Any, where: str) -> Grid:
     """Return a table of arrow."""
     columns = []
-    while any(pa.types.is_struct(field.type) for field in table.schema):
-        table = table.flatten()  # the fields of records, as record.field
+    table = _flat(table)
     for name, values in zip(table.column_names, table.columns, strict=True):
         about = table.schema.field(name).metadata or {}
         unit = about.get(b"unit", b"").decode("utf-8", "replace")
