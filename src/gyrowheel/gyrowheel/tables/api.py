@@ -128,9 +128,9 @@ def suggest_map(table: Any, *, bench: str | Path = "gyrowheel") -> TableMap:
     Parameters
     ----------
     table : path, pandas.DataFrame, pyarrow.Table or list of those
-        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag of ROS 1 or ROS 2, or a table in memory. Of
-        several, say of two loggers, columns are called ``file/column``; the offset of their clocks is found and put
-        into the map.
+        CSV or other text, Parquet, Feather, MATLAB, HDF5, NumPy, TDMS, MDF, a bag of ROS 1 or ROS 2, or a table in
+        memory. Of several, say of two loggers, columns are called ``file/column``; the offset of their clocks is found
+        and put into the map.
     bench : str or Path
         The bench that it was measured on.
 
@@ -159,8 +159,8 @@ def read_table(
     Parameters
     ----------
     table : path, pandas.DataFrame, pyarrow.Table or list of those
-        CSV or other text, Parquet, MATLAB, HDF5, TDMS, MDF, a bag, or a table in memory; rows in the order of time. Of
-        several the columns are called ``file/column``.
+        CSV or other text, Parquet, Feather, MATLAB, HDF5, NumPy, TDMS, MDF, a bag, or a table in memory; rows in the
+        order of time. Of several the columns are called ``file/column``.
     column_map : TableMap, mapping or path, optional
         Reading and unit of every column: the result of `suggest_map`, its content as a mapping, or a map file
         (docs/exchange.md). By default that of `suggest_map`, if it has no question.

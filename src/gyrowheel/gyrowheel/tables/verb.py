@@ -19,7 +19,8 @@ def import_(
     files: Annotated[
         list[Path],
         argument(
-            "FILE...", "Text (CSV), Parquet, MATLAB, HDF5, TDMS, MDF, or a bag; of several loggers one each."
+            "FILE...",
+            "Text (CSV), Parquet, Feather, MATLAB, HDF5, NumPy, TDMS, MDF, or a bag; of several loggers one each.",
         ),
     ],
     column_map: Annotated[Path | None, option("--map MAP.yaml", "Meaning and units of the columns.")] = None,
