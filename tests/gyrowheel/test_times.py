@@ -154,6 +154,36 @@ def test_a_clock_that_was_set_back_is_told_from_rows_in_disorder(tmp_path: Path)
     assert "Sort" not in question
 
 
+def test_rows_that_repeat_earlier_ones_are_reported(tmp_path: Path) -> None:
+    """Where the shaft turns a whole number of times in them, the angle goes on as evenly as between other rows."""
+    table = Table()
+    table.columns["Encoder [deg]"] = [f"{x:.4f}" for x in np.mod(360.0 * 40.0 * TIME, 360.0)]
+    table.columns["Speed [rpm]"] = ["2400"] * N
+    table.spoil = lambda own: [*own[:1501], *own[1001:]]
+    (question, *_) = gw.suggest_map(table.write(tmp_path)).questions
+    assert (
+        "goes back by 0.5 in 1 place, first in row 1501: the rows from there on repeat earlier ones"
+        in question
+    )
+    assert "Take them out" in question
+
+
+@pytest.mark.parametrize(("name", "a_turn"), [("Angle", 360.0), ("Angle", 1.0), ("revolutions", 1.0)])
+@pytest.mark.parametrize("speed", [True, False])
+def test_an_angle_that_runs_on_is_taken_in_the_unit_of_its_rate(
+    tmp_path: Path, name: str, a_turn: float, speed: bool
+) -> None:
+    table = Table()
+    turned = 250.0 / (2.0 * np.pi) * TIME * a_turn
+    del table.columns["Encoder [deg]"]
+    if not speed:
+        del table.columns["Speed [rpm]"]
+    table.columns[name] = [f"{x:.7f}" for x in turned]
+    found = gw.suggest_map(table.write(tmp_path))
+    assert found.content["columns"]["spin_angle"]["unit"] == {360.0: "deg", 1.0: "turn"}[a_turn]
+    assert found.settled, found.questions
+
+
 def of_day(seconds: np.ndarray) -> list[str]:
     micro = np.round(1e6 * seconds).astype(np.int64) % 86_400_000_000
     return [str((dt.datetime.min + dt.timedelta(microseconds=own)).time()) for own in micro.tolist()]

@@ -280,12 +280,14 @@ def rows_in_order(
     turned: Array | None = None,
     twice: Sequence[int] | NDArray[np.int64] = (),
     *,
+    again: bool = False,
     unit: str = "",
 ) -> tuple[Problem | None, slice]:
     """Return what is wrong with the order of times (n,), and the longest ascending stretch of rows.
 
     `turned` (n,) is the angle of the shaft in turns, where it is known: it shows whether rows follow each other.
-    `twice` are rows that repeat the row before, `unit` stands behind differences of times in messages.
+    `twice` are rows that repeat the row before; `again` is whether those after a step back repeat earlier ones
+    (`rows_again`). `unit` stands behind differences of times in messages.
     """
     steps = np.diff(times)
     everything = slice(0, len(times))
@@ -310,7 +312,21 @@ def rows_in_order(
     edges = np.r_[0, wrong + 1, len(times)]
     longest = int(np.argmax(np.diff(edges)))
     part = slice(int(edges[longest]), int(edges[longest + 1]))
-    return Problem(*_order_problem(times, wrong, period, column, _go_on(turned, wrong), unit)), part
+    order = "again" if again else "goes on" if _go_on(turned, wrong) else ""
+    return Problem(*_order_problem(times, wrong, period, column, order, unit)), part
+
+
+def rows_again(times: Array, readings: Sequence[NDArray[Any]]) -> bool:
+    """Whether the rows at which times (n,) go back repeat earlier ones: the times and all readings (n,)."""
+    back = np.flatnonzero(np.diff(times) < 0.0) + 1
+    for k in back.tolist():
+        first = int(np.argmax(times[:k] == times[k]))
+        count = min(_BESIDE, len(times) - k, k - first)
+        if not all(
+            np.array_equal(own[first : first + count], own[k : k + count]) for own in (times, *readings)
+        ):
+            return False
+    return bool(len(back) and len(readings))
 
 
 def _next_minute(times: Array) -> NDArray[np.bool_]:
@@ -321,15 +337,15 @@ def _next_minute(times: Array) -> NDArray[np.bool_]:
     return np.asarray(ends & bool(np.all(second <= 60.0)))
 
 
-def _go_on(turned: Array | None, wrong: NDArray[np.int64]) -> bool | None:
-    """Whether the angle goes on evenly at some rows, so that these follow each other; None where it does not show."""
+def _go_on(turned: Array | None, wrong: NDArray[np.int64]) -> bool:
+    """Whether the angle shows that it goes on evenly at some rows, so that these follow each other."""
     if turned is None:
-        return None
+        return False
     steps = np.diff(turned)
     steps -= np.round(steps)
     before = np.array([np.median(steps[max(k - _BESIDE, 0) : k]) if k else math.nan for k in wrong])
     if not np.isfinite(before).all() or not np.all(np.abs(before) > 1e-4):
-        return None
+        return False
     return bool(np.all(np.abs(steps[wrong] - before) < _GOES_ON * np.abs(before)))
 
 
@@ -347,7 +363,7 @@ def counter_range(before: Array, after: Array, period: float) -> float:
 
 
 def _order_problem(
-    times: Array, wrong: NDArray[np.int64], period: float, column: str, goes_on: bool | None, unit: str
+    times: Array, wrong: NDArray[np.int64], period: float, column: str, order: str, unit: str
 ) -> tuple[str, str]:
     row, places = (
         int(wrong[0]) + 2,
@@ -378,7 +394,12 @@ def _order_problem(
             f"Cut the file there, before row {row}, and import each part alone.",
         )
     back = f"{before[0] + period - after[0]:.6g}{unit}"
-    if goes_on:
+    if order == "again":
+        return (
+            f"time: '{column}' goes back by {back} in {places}: the rows from there on repeat earlier ones.",
+            "Take them out; drop_duplicates() of pandas does.",
+        )
+    if order == "goes on":
         return (
             f"time: '{column}' was set back by {back} in {places}: the rows stand in order, since the angle goes "
             "on evenly there.",

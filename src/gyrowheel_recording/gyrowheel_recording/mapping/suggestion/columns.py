@@ -24,7 +24,12 @@ from gyrowheel_recording.mapping.column_names import (
 from gyrowheel_recording.mapping.map_file import READINGS, TIMESTAMP
 from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, angle_unit, epoch_unit, guess_unit
 from gyrowheel_recording.mapping.suggestion.checks import odd_cells
-from gyrowheel_recording.mapping.suggestion.pulses import counted_angle, has_levels, pulsed_angle
+from gyrowheel_recording.mapping.suggestion.pulses import (
+    counted_angle,
+    has_levels,
+    pulsed_angle,
+    running_angle,
+)
 from gyrowheel_recording.tables import Column, Grid
 from gyrowheel_sim.bench import Bench
 
@@ -90,7 +95,8 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
     if not {"tilt_x", "tilt_y"} & found.keys() and (problem := _value_a_row(grid)) is not None:
         problems.append(problem)
     if "spin_angle" in found:
-        found["spin_angle"] = counted_angle(found["spin_angle"], grid, found, problems)
+        angle = running_angle(found["spin_angle"], grid, found, bench)
+        found["spin_angle"] = counted_angle(angle, grid, found, problems)
     else:
         pulsed = pulsed_angle(grid, found, taken, problems)
         if pulsed is not None:

@@ -11,11 +11,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gyrowheel_core.units import conversion
 from gyrowheel_recording.mapping.column_names import TIME, meaning_of
 from gyrowheel_recording.mapping.map_file import COUNT, MOST_PULSES, TIMESTAMP
 from gyrowheel_recording.mapping.pulses import edges_of_count, edges_of_level, levels
-from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, in_si, wraps
+from gyrowheel_recording.mapping.suggestion import SOME, Problem, Proposal, in_si, usual_size, wraps
 from gyrowheel_recording.tables import Column, Grid
+from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
@@ -35,6 +37,7 @@ _COUNTS: Final = sorted(
     | {4.0 * 360.0, 4.0 * 2500.0, 4.0 * 1250.0}
 )
 _NEAR_TURN, _NEAR_RANGE = 0.01, 0.03
+_NEAR_SPEED: Final = 0.1  # part by which the rate of an angle may differ from the speed
 _FEWEST_TURNS: Final = 3.0
 
 
@@ -143,6 +146,31 @@ def counted_angle(
     )
 
 
+def running_angle(own: Proposal, grid: Grid, found: Mapping[str, Proposal], bench: Bench) -> Proposal:
+    """Return an angle that runs on, and states no unit, in the first one in which its mean rate is that of a wheel.
+
+    That is the rate of the speed where there is one, else a usual one.
+    """
+    values = np.asarray(grid.columns[own.column].values, dtype=np.float64)
+    seconds = _seconds(grid, found)
+    if own.stated or own.unit != "rad" or seconds is None or len(seconds) != len(values):
+        return own
+    known = np.flatnonzero(np.isfinite(values) & np.isfinite(seconds))
+    if len(known) < 2 or wraps(values[known]):
+        return own
+    low, high = usual_size("spin_rate", bench)
+    turning = _turning(grid, found)
+    first, last = known[[0, -1]]
+    if turning is not None:
+        rate = 2.0 * math.pi * float(np.diff(turning[1][[first, last]])[0] / (seconds[last] - seconds[first]))
+        low, high = (1.0 - _NEAR_SPEED) * rate, (1.0 + _NEAR_SPEED) * rate
+    mean = abs(float(values[last] - values[first])) / float(seconds[last] - seconds[first])
+    for unit in ("rad", "turn", "deg"):
+        if low <= mean * conversion(unit, "rad")[1] <= high:
+            return replace(own, unit=unit, reason=f"{own.reason}; in {unit} its rate is usual")
+    return own
+
+
 def _uncounted(own: Proposal, a_turn: float) -> Problem:
     seen = f"; by the speed they are {a_turn:.6g}" if a_turn else ""
     return Problem(
@@ -178,14 +206,9 @@ def _told(own: Proposal, problems: list[Problem]) -> None:
 
 def _turning(grid: Grid, found: Mapping[str, Proposal]) -> tuple[Array, Array] | None:
     """Return times [s] and turns by the speed; None without a speed on the map's clock."""
-    speed, time = found.get("spin_rate"), found.get(TIME)
-    if speed is None or time is None or speed.clock:
+    speed, seconds = found.get("spin_rate"), _seconds(grid, found)
+    if speed is None or seconds is None or speed.clock:
         return None
-    times = grid.columns[time.column].values
-    if time.unit == TIMESTAMP:
-        seconds = (times - times[0]).astype("timedelta64[ns]").astype(np.float64) * 1e-9
-    else:
-        seconds = in_si(time, grid, "s")
     rate = np.abs(in_si(speed, grid, "rad/s"))
     if len(rate) != len(seconds):
         return None
@@ -197,6 +220,17 @@ def _turning(grid: Grid, found: Mapping[str, Proposal]) -> tuple[Array, Array] |
         2.0 * math.pi
     )
     return seconds, turns
+
+
+def _seconds(grid: Grid, found: Mapping[str, Proposal]) -> Array | None:
+    """Return the times of the map's clock [s]; None without one."""
+    time = found.get(TIME)
+    if time is None:
+        return None
+    times = grid.columns[time.column].values
+    if time.unit == TIMESTAMP:
+        return np.asarray((times - times[0]).astype("timedelta64[ns]").astype(np.float64) * 1e-9)
+    return in_si(time, grid, "s")
 
 
 def _pulses(column: Column, turning: tuple[Array, Array] | None, *, counts: bool) -> float:

@@ -22,6 +22,7 @@ from gyrowheel_recording.mapping.suggestion import Problem, Proposal, Suggestion
 from gyrowheel_recording.mapping.suggestion.checks import (
     broken_laws,
     column_problems,
+    rows_again,
     rows_in_order,
     sentinel,
     words_for_nothing,
@@ -386,7 +387,12 @@ def _rows_in_order(grid: Grid, found: Mapping[str, Proposal], problems: list[Pro
     ]
     twice = rows_twice(values[rows], readings)
     wrong, part = rows_in_order(
-        values[rows], column, turned, twice, unit=" s" if times.dtype.kind == "M" else ""
+        values[rows],
+        column,
+        turned,
+        twice,
+        again=rows_again(values[rows], readings),
+        unit=" s" if times.dtype.kind == "M" else "",
     )
     if wrong is None:
         return False, every if known.all() else rows
