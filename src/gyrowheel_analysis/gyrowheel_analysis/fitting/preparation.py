@@ -50,7 +50,11 @@ _PHASE = "encoder_zero"
 
 def too_few_windows(windows: int, coverage: Coverage) -> str:
     """Return a sentence with the number of windows, the number needed, and the coverage."""
-    return f"{windows} steady windows; at least {FEWEST_WINDOWS} are needed; {coverage.sentence()}"
+    taken = coverage.sentence()
+    return (
+        f"{windows} steady windows; at least {FEWEST_WINDOWS} are needed: record more holds, as the plan quick "
+        f"has them; {taken[0].lower()}{taken[1:]}"
+    )
 
 
 class TooFewWindowsError(InputError):
