@@ -83,7 +83,7 @@ def test_an_effect_that_the_machine_lacks_is_fitted_as_zero(recordings: dict[str
 @pytest.mark.slow
 def test_an_effect_of_the_model_is_fitted_again(recordings: dict[str, Recording]) -> None:
     added = add_effect(model_with(0.003), ["aero_cross"], [recordings["with"]], [recordings["unused"]])
-    assert added.model.history[-1]["what"] == "fit anew aero_cross"
+    assert added.model.history[-1]["what"] == "fit again aero_cross"
     error = added.model.effect_errors["aero_cross"]["c"]
     assert abs(added.model.effects["aero_cross"]["c"] - TRUTH["c"]) < 3.0 * error
     assert added.error.validation_before is not None

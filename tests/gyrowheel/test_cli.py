@@ -459,10 +459,10 @@ def test_model_verbs_in_sequence(gyrowheel: Shell, wheel: Wheel, tmp_path: Path)
     different = gyrowheel.good("model", "diff", first, model, "--json", "-").json["differences"]
     assert any(line.startswith("+ effects.windage.w") for line in different)
     gyrowheel.good("model", "add", "windage", *arguments)
-    assert "fit anew windage" in gyrowheel.good("model", "show", "--model", model).out
+    assert "fit again windage" in gyrowheel.good("model", "show", "--model", model).out
     gyrowheel.good("model", "remove", "windage", "--model", model)
     assert "windage" not in gyrowheel.good("model", "show", "--model", model, "--json", "-").json["effects"]
-    for _ in ("remove", "fit anew", "add"):
+    for _ in ("remove", "fit again", "add"):
         gyrowheel.good("model", "undo", "--model", model)
     assert gyrowheel.good("model", "diff", first, model).out == "no difference\n"
     assert_refused(gyrowheel("model", "undo", "--model", model), "nothing to undo")

@@ -322,7 +322,7 @@ def _quality(table: TorqueTable) -> Iterator[Check]:
             bad <= most,
             known.source,
             "",
-            "with tilt the remains of the vortices wander: no steady state, told with its scatter"
+            "with tilt the remains of the vortices wander: no steady state, given with its scatter"
             if bad
             else "",
         )
@@ -354,7 +354,7 @@ def _band(name: str, values: Array, known: Finding, *, told: bool = True) -> Che
     low, high = known.bar(_MANY)
     return Check(
         f"{name}: {_span(low, high, 3)}",
-        f"{values.min():.3f} .. {values.max():.3f}" if told else "no row tells it",
+        f"{values.min():.3f} .. {values.max():.3f}" if told else "no row shows it",
         _all_within(values, low, high) if told else None,
         known.source,
     )

@@ -306,7 +306,7 @@ def _what(air: Sequence[str], terms: Sequence[Term], model: Model) -> str:
     """Return the description of the change, for the history of the model."""
     new = [*air, *(t.name for t in terms if t.name not in model.effects)]
     again = [t.name for t in terms if t.name in model.effects]
-    parts = (("add", new), ("fit anew", again))
+    parts = (("add", new), ("fit again", again))
     return "; ".join(f"{verb} {', '.join(those)}" for verb, those in parts if those)
 
 

@@ -79,8 +79,8 @@ _WORDS: Final = {
     "spin_rate": "spin_rate (the rate of the angle is taken)",
     "motor_current": "motor_current (from voltage and speed by the bench's constants)",
     "motor_voltage": "motor_voltage (from current and speed by the bench's constants)",
-    "coil_voltage_x": "coil_voltage_x (nothing is said of the torque about x)",
-    "coil_voltage_y": "coil_voltage_y (nothing is said of the torque about y)",
+    "coil_voltage_x": "coil_voltage_x (the torque about x is not analysed)",
+    "coil_voltage_y": "coil_voltage_y (the torque about y is not analysed)",
 }
 _SPAN: Final = 0.01  # s over which the rate of an angle is taken
 #: Slow readings for which a value is assumed where they were never taken, by the parameter of the bench that is their
@@ -172,7 +172,7 @@ def in_words(absent: Set[str]) -> tuple[str, ...]:
     motor = ("motor_current", "motor_voltage")
     if absent >= set(motor):
         rest = tuple(text for name, text in _WORDS.items() if name in absent and name not in motor)
-        return (*rest, f"{' and '.join(motor)} (nothing is said of the torque about the spin axis)")
+        return (*rest, f"{' and '.join(motor)} (the torque about the spin axis is not analysed)")
     return tuple(text for name, text in _WORDS.items() if name in absent)
 
 

@@ -191,7 +191,7 @@ def _order(e: Evidence) -> Finding:
     return Finding(
         "agree" if axes == sentence else "disagree",
         f"By eqs (3) to (5) the three angles turn about {', '.join(axes)}.",
-        "The sentence has another order than the equations beside it. Read as the sentence says, θx would be the "
+        "The sentence has another order than the equations next to it. Read as the sentence says, θx would be the "
         "spin and the tilt of eq (7) would not follow it.",
     )
 

@@ -124,7 +124,7 @@ def _meaning(report: ReportContent) -> list[str]:
     found = report.diagnosis
     table = found.error if report.addition is None else report.addition.error
     if table is None:
-        return ["Nothing can be said of the model before these recordings are repeated or corrected."]
+        return ["The model cannot be judged before these recordings are repeated or corrected."]
     lines = []
     for name in _worst(table):
         error, noise = table.before.rms_of(name), table.noise_floor.rms_of(name)

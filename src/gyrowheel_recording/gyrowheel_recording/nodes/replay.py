@@ -83,7 +83,7 @@ class ReplayNode(BenchNode):
         self.left_out: dict[Topic, str] = {}  # with the reason
         for topic in self._tape.topics:
             if topic == topics.CLOCK and self.parameter("clock"):
-                self.left_out[topic] = "made anew"
+                self.left_out[topic] = "made again"
                 continue
             try:
                 _ = topic.message_class

@@ -145,7 +145,7 @@ def _evidence(found: WrongSetup) -> str:
         return f"precession leaves {100.0 * found.before:.0f} % of the coil torque unexplained"
     if not math.isnan(found.after):
         return (
-            f"as it stands, precession leaves {100.0 * min(found.before, 9.99):.0f} % of the coil torque unexplained, "
+            f"as recorded, precession leaves {100.0 * min(found.before, 9.99):.0f} % of the coil torque unexplained, "
             f"with the cure {100.0 * found.after:.0f} %"
         )
     return "the torque of precession and what was asked for say so"

@@ -184,7 +184,7 @@ def angle_unit(values: Array, unit: str) -> tuple[str, float, str]:
     if unit and unit != "count":
         return unit, 1.0, f"unit {unit} stated"
     if not wraps(values):
-        return ("turn" if unit == "count" else "rad"), 1.0, "goes on without beginning anew"
+        return ("turn" if unit == "count" else "rad"), 1.0, "runs on without a wrap"
     span = float(np.ptp(values))
     whole = next((w for w in sorted(_WHOLE_TURNS) if (1.0 - _NEAR) * w <= span <= w * (1.0 + 1e-9)), 0.0)
     if whole == 360.0:

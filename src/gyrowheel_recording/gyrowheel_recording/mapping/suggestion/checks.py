@@ -466,7 +466,7 @@ _PAIRED: Final = (
     ),
     (
         ("motor_current", "motor_voltage"),
-        "Nothing will be said of the torque about the spin axis.",
+        "The torque about the spin axis is not analysed.",
         "It is computed from voltage and speed; the voltage alone shows the motor's torque.",
         "The current alone shows the motor's torque; a fault of the motor's constants does not show.",
     ),
@@ -584,7 +584,7 @@ def _missing(found: Mapping[str, Proposal]) -> Iterator[Problem]:
                 asks=False,
             )
         else:
-            cure = f"Nothing will be said of torques about {axis}, nor once a revolution."
+            cure = f"The torque about {axis} is not analysed, nor that once a revolution."
             yield lacks(f"coil_voltage_{axis}", cure)
     for names, both, first, second in _PAIRED:
         absent = [name for name in names if name not in found]

@@ -143,13 +143,13 @@ def _thermometers(
             free = [f for f in ("air_temperature", "coil_temperature") if f not in found]
             proposal = _proposed(free[0], grid.columns[name], what, bench) if free else None
             if proposal is not None:
-                found[free[0]] = replace(proposal, reason=f"{proposal.reason}; of what is not said")
+                found[free[0]] = replace(proposal, reason=f"{proposal.reason}; its place is not stated")
                 taken.add(name)
                 guesses.append(f"{free[0]}: '{name}'")
     if len(guesses) > 1:
         problems.append(
             Problem(
-                f"{', '.join(guesses)} are taken so; of what they are the temperatures is not said.",
+                f"{', '.join(guesses)} are guesses: the names do not state where the thermometers are.",
                 "Name the right column for each in the map, or leave it out.",
             )
         )

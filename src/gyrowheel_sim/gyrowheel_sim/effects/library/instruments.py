@@ -17,7 +17,7 @@ _WEAKEN = (
     "several speeds up to the highest: a filter also weakens what turns with the rotor, a delay does not"
 )
 _SKEW = "nothing on this bench: only the instants of two channels against each other are seen; read the timing of one"
-_BOTH = "cones beside what turns with the rotor: a late reading shows in both, in proportion to each rate"
+_BOTH = "cones, next to what turns with the rotor: a late reading shows in both, in proportion to each rate"
 _VOLTAGE = "a current of the coils, measured: the inductance delays it, an instrument of the voltage does not"
 
 
