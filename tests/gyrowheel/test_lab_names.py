@@ -120,7 +120,7 @@ def test_several_unspecified_thermometers_are_asked_for() -> None:
     one = gw.suggest_map(table(**changed, **{"T1 temp [degC]": air}))
     assert one.settled, one.questions
     two = gw.suggest_map(table(**changed, **{"Temp A [degC]": air, "Temp B [degC]": air + 1.0}))
-    assert "of what they are the temperatures is not said" in told(two)
+    assert "the names do not state where the thermometers are" in told(two)
 
 
 def test_the_voltage_of_a_supply_is_not_that_of_the_motor() -> None:
