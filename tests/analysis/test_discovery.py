@@ -17,6 +17,7 @@ from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.criteria import SETTLING_SEPARATION
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.free_forms import kind_of
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_analysis.diagnosis.selection import select
 from gyrowheel_analysis.diagnosis.unknown import search
@@ -454,6 +455,28 @@ def test_a_torque_that_follows_a_lagging_temperature_is_a_formula(tmp_path: Path
     assert abs(time.value - 40.0) < 3.0 * time.standard_error
     assert found.proof is not None
     assert found.proof.proven
+
+
+@pytest.mark.slow
+def test_a_torque_that_follows_a_temperature_is_a_law_and_no_drift(tmp_path: Path) -> None:
+    """A law predicts the other recording; of a drift nobody knows that."""
+    fit, check = hidden_law("torque = -k*(T_coil - T_ref)*z; k = 0.0004 [N*m/K/rad]", "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert not found.drift_shapes
+    (form,) = found.free_form
+    assert kind_of(form.name) == "tilt_by_coils"
+    assert found.proof is not None
+    assert found.proof.proven
+
+
+@pytest.mark.slow
+def test_a_law_that_the_largest_drift_alone_hides_is_no_event(tmp_path: Path) -> None:
+    law = "torque = k*s*conj(z); d(s)/dt = (T_coil - T_air - s)/tau; k = 0.0024 [N*m/K/rad]; tau = 25 +- 0.1 [s]"
+    fit, _ = hidden_law(law, "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model())
+    assert found.verdict == "unknown"
+    assert not found.events
+    assert not found.drift_shapes
 
 
 @pytest.mark.study

@@ -105,6 +105,11 @@ def test_burst_of_a_tilt_reading_has_a_whole_window(
             "with the commands, no event.",
         ),
         (
+            MissingLaw("monday", "temperature", ("torque_along_tilt",), 40.0),
+            "There is a torque along the tilt, in proportion to it, that depends on the temperature of coils, motor or "
+            "air: a law, no event and no drift.",
+        ),
+        (
             MissingLaw("monday", "offset", ("torque_x", "torque_y"), 40.0),
             "From the start there are a torque about case x and a torque about case y: an offset, no event.",
         ),

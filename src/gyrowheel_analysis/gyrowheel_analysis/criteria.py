@@ -258,6 +258,9 @@ VOLTAGE_FLOOR: Final = 1.0e-14
 FILTER_SHAPE: Final = 0.1
 #: Range of the scale of a drift: one smaller than stated is not accepted, as few windows may show little by chance.
 DRIFT_SCALE_BOUNDS: Final = (1.0, 8.0)
+#: Part of the largest scale from which on a drift hides a law that is missing, so that events are not believed. Lower
+#: drops events in recordings that drift much, higher takes such a law for events.
+DRIFT_HIDES: Final = 0.99
 #: Prior standard deviation of the logarithm of a drift's scale.
 DRIFT_SCALE_SPREAD: Final = 0.7
 #: Change of the logarithm of a standard deviation from which on the noise is estimated again.

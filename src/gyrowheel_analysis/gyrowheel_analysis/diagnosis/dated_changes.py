@@ -61,8 +61,8 @@ class MissingLaw:
     recording : str
         The recording.
     depends_on : str
-        ``speed``, ``tilt``, ``direction``, ``rate`` (of the tilt), ``time`` (since the start), ``history`` (of speed
-        and tilt), or ``offset`` (constant).
+        ``speed``, ``tilt``, ``direction``, ``rate`` (of the tilt), ``temperature``, ``time`` (since the start),
+        ``history`` (of speed and tilt), or ``offset`` (constant).
     channels : tuple of str
         The quantities that follow it, of `fitting.events.QUANTITIES`.
     gain : float
@@ -84,17 +84,15 @@ class DriftShape:
     recording : str
         The recording.
     kind : str
-        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``, which it follows; ``after_tilt``:
-        it relaxes after every move of the tilt.
+        ``swing``; ``coil_temperature``, ``motor_temperature`` or ``air_temperature``, which it follows.
     channel : str
         The drifting quantity, one of `fitting.events.QUANTITIES`.
     size, standard_error : float
-        Amplitude of the swing; change from the coldest to the warmest window; effect of a tilt of the reference size
-        just after the move, in `unit`.
+        Amplitude of the swing; change from the coldest to the warmest window, in `unit`.
     unit : str
         Unit of the size.
     time, time_error : float
-        Period of the swing, or relaxation time, and the standard error [s]; 0 for a temperature.
+        Period of the swing and the standard error [s]; 0 for a temperature.
     temperature_change : float
         From the coldest to the warmest window [K]; 0 for other shapes.
     gain : float

@@ -266,8 +266,6 @@ def best_at(
     """Return the best candidate like an event: of its kind and quantities, with edges near its own."""
     first = events[0]
     names = [event.quantity for event in events]
-    if first.kind == "after_tilt":
-        return _after_tilt(evidence, first.recording, first.time)
     profiles = next(own for own in of_recordings[first.recording] if own.kind == first.kind)
     (gains,) = evidence.gains(names, first.recording, [profiles])
     near = np.abs(profiles.edges - np.array(first.edges)).max(axis=1, initial=0.0)

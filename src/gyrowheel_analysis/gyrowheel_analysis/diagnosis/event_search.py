@@ -18,7 +18,7 @@ from gyrowheel_analysis.criteria import (
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of, gain_of, with_times
 from gyrowheel_analysis.diagnosis.event_scan import Candidate, best_at, places, price, scan
 from gyrowheel_analysis.diagnosis.evidence import Evidence
-from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, law_instead, rows_of
+from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, law_instead, law_of_shape, rows_of
 from gyrowheel_analysis.fitting.events import HAPPENS, TOGETHER, Event
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -52,11 +52,14 @@ def search_events(
             break
         if best.first.kind in HAPPENS:
             score = dated.gain - price(dated.event.kind, of_recordings)
-            if (law := law_instead(evidence, dated.events, score)) is not None:
-                laws.append(law)
-                if len(laws) > MOTION_LAWS:
-                    break
-                continue
+            law = law_instead(evidence, dated.events, score)
+        else:
+            law = law_of_shape(problem, dated.event, best.score)
+        if law is not None:
+            laws.append(law)
+            if len(laws) > MOTION_LAWS:
+                break
+            continue
         found.append(replace(dated, ties=_ties(candidates, best, dated)))
     return fitted_together(problem, fit, found, laws, recordings), laws
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gyrowheel_analysis.criteria import (
+    DRIFT_HIDES,
+    DRIFT_SCALE_BOUNDS,
     EVENT_GAIN,
     EVENT_LACK,
     EVENT_SAME,
@@ -93,13 +95,13 @@ def explain(
         if progress:
             progress(f"{len(found)} event{'s' * (len(found) > 1)}: looking again for missing effects")
         best = _given(problem, found, among, None if best is without else best.selection.best)
-        if lack_of_fit(best.problem, best.fit) > _HOPELESS * EVENT_LACK:
+        if _lacks(best, _HOPELESS):
             return without  # no further round explains that much
         again, laws = search_events(problem, best.fit, recordings)
         if _same(found, again):
             break
         found = again
-    if best.evidence > without.evidence or lack_of_fit(best.problem, best.fit) > EVENT_LACK:
+    if best.evidence > without.evidence or _lacks(best):
         return without
     # so that the shown residual is free of events
     cleared = best.problem.without_events(best.fit)
@@ -110,6 +112,15 @@ def explain(
         search(cleared, selection, among=among),
         sorted(best.events, key=lambda f: (f.event.recording, f.event.time)),
         tuple(laws),
+    )
+
+
+def _lacks(outcome: Outcome, times: float = 1.0) -> bool:
+    """Whether so much stays unexplained that events are not believed: in chi-squared, or in the largest of drifts."""
+    largest = max(outcome.problem.noise.scales.values(), default=1.0)
+    return (
+        largest >= DRIFT_HIDES * DRIFT_SCALE_BOUNDS[1]
+        or lack_of_fit(outcome.problem, outcome.fit) > times * EVENT_LACK
     )
 
 

@@ -16,7 +16,15 @@ from gyrowheel_analysis.criteria import BURST_BESIDE, EVENT_COMMANDED
 from gyrowheel_analysis.diagnosis.dated_changes import Variable
 from gyrowheel_analysis.diagnosis.event_scan import chance
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
-from gyrowheel_analysis.fitting.events import QUANTITIES, TOGETHER, Event, lead, unit_rows
+from gyrowheel_analysis.fitting.events import (
+    OFFSETS,
+    QUANTITIES,
+    TEMPERATURES,
+    TOGETHER,
+    Event,
+    lead,
+    unit_rows,
+)
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import SAME_SPEED, UPRIGHT, Windows, speed_groups
 from gyrowheel_core.units import DEG
@@ -35,7 +43,8 @@ class MotionLaw:
     """A function of the motion in place of an event: on what it depends, and which quantities follow it.
 
     `course` (n,) has its values over the windows of the recording, `score` is the increase of twice the log likelihood
-    less that which chance brings with one of all functions.
+    less that which chance brings with one of all functions. `lag` is the relaxation time of a torque that follows the
+    tilt with a delay [s].
     """
 
     variable: Variable
@@ -43,6 +52,7 @@ class MotionLaw:
     quantities: tuple[str, ...]
     course: Array
     score: float
+    lag: float | None = None
 
 
 def law_instead(evidence: Evidence, events: Sequence[Event], score: float) -> MotionLaw | None:
@@ -59,6 +69,22 @@ def law_instead(evidence: Evidence, events: Sequence[Event], score: float) -> Mo
     best = _best(evidence, first.recording)
     margin = EVENT_COMMANDED if on_commands(windows, first) else 0.0
     return best if best is not None and best.score > score - margin else None
+
+
+def law_of_shape(problem: Problem, event: Event, score: float) -> MotionLaw | None:
+    """Return a shape as a law; None where it is the shape of a drift.
+
+    A drift of a reading changes its zero. What follows a temperature otherwise, or the tilt with a delay, is a law,
+    which predicts other recordings: a term of the model must describe it.
+    """
+    late = event.kind == "after_tilt"
+    if not late and (event.kind not in TEMPERATURES or event.quantity in OFFSETS):
+        return None
+    course = event.course(problem.balances[event.recording].windows)
+    variable: Variable = "history" if late else "temperature"
+    return MotionLaw(
+        variable, event.recording, (event.quantity,), course, score, event.time if late else None
+    )
 
 
 def on_commands(windows: Windows, event: Event) -> bool:
@@ -79,7 +105,7 @@ def rows_of(problem: Problem, laws: Sequence[MotionLaw]) -> Array | None:
         balance = problem.balances[law.recording]
         for name in law.quantities:
             own = np.zeros(int(edges[-1]))
-            unit = unit_rows(balance, QUANTITIES[name]) * QUANTITIES[name].width(problem.bench)
+            unit = unit_rows(balance, QUANTITIES[name], law.lag) * QUANTITIES[name].width(problem.bench)
             own[edges[law.recording] : edges[law.recording + 1]] = unit * np.tile(
                 law.course, len(balance.rows)
             )

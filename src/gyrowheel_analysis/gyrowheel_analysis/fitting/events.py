@@ -40,6 +40,8 @@ TEMPERATURES: tuple[Kind, ...] = ("coil_temperature", "motor_temperature", "air_
 
 #: Quantities of which a jump looks like a motion.
 MOTION = ("tilt_reading_x", "tilt_reading_y")
+#: Quantities that change as the zero of a reading does.
+OFFSETS = ("torque_x", "torque_y", "motor_current", "motor_voltage", *MOTION, "encoder_zero")
 _STEADY = 0.05  # K; a temperature that varies by less explains nothing
 _SHOWS = 1.0e-9  # part of the largest row below which a row is a rounding error
 _TORQUE = 1.0e-3  # N m on the default bench: size of a large event
@@ -174,8 +176,7 @@ def event_columns(balances: Sequence[Balance], events: Sequence[Event]) -> Array
     for k, event in enumerate(events):
         balance = balances[event.recording]
         profile = np.tile(event.course(balance.windows), len(balance.rows))
-        lag = event.time if event.kind == "after_tilt" else None
-        own = unit_rows(balance, QUANTITIES[event.quantity], lag)
+        own = unit_rows(balance, QUANTITIES[event.quantity])
         columns[edges[event.recording] : edges[event.recording + 1], k] = profile * own
     return columns
 

@@ -113,7 +113,9 @@ def verdict_sentence(found: Diagnosis) -> str:
     said += event_sentences(found.events, several=several(found))
     said += [law_sentence(law, several=several(found)) for law in found.laws]
     said += [shape_sentence(shape, several=several(found)) for shape in found.drift_shapes]
-    drift = drift_sentence(found.drift_scales, shaped=bool(found.drift_shapes or found.events))
+    drift = drift_sentence(
+        found.drift_scales, shaped=bool(found.drift_shapes or found.events), laws=bool(found.laws)
+    )
     conflicts = (
         text for finding in found.effects for text in conflict_sentences(finding.name, finding.coefficients)
     )

@@ -59,7 +59,7 @@ _WHAT = {
     "winding_resistance": "a change of {} in the resistance of the motor's winding",
     "motor_constant": "a change of {} in torque and voltage constant of the motor",
     "encoder_zero": "a slip of {} of the encoder",
-    "torque_after_tilt": "a torque of {} against it",
+    "torque_after_tilt": "a torque of {} against the tilt",
     "coil_voltage_x": "a shift of {} in the reading of coil voltage x",
     "coil_voltage_y": "a shift of {} in the reading of coil voltage y",
     "attitude": "a turning of the rig, whose attitude is not recorded",
@@ -75,18 +75,18 @@ _MOTION = {
     "tilt": "tilt",
     "direction": "direction of the tilt",
     "rate": "rate of the tilt",
-    "temperature": "temperature of coils or motor",
+    "temperature": "temperature of coils, motor or air",
     "time": "time since the start",
     "history": "earlier speeds and tilts",
 }
+#: Laws of these may look like drifts, too.
+_SLOW = ("temperature", "time", "history")
 _TEMPERATURES = {
     "coil_temperature": "temperature of the coils",
     "motor_temperature": "temperature of the motor's winding",
     "air_temperature": "temperature of the air",
 }
-_SHAPELESS = (
-    "it is no step, trend, burst or swing, and follows neither a temperature nor the moves of the tilt"
-)
+_SHAPELESS = "it is no step, trend, burst or swing, and follows no temperature"
 #: Drifts above this multiple of the stated size are reported.
 _TOLD = 1.5
 
@@ -248,19 +248,16 @@ def law_sentence(law: MissingLaw, *, several: bool = False) -> str:
     if law.depends_on == "offset":
         return f"From the start there {verb} {what.rstrip(',')}{where}: an offset, no event."
     depends = f"depend{'s' if one else ''} on the {_MOTION[law.depends_on]}"
-    return f"There {verb} {what}{where} that {depends}: {pronoun} with the commands, no event."
+    drifts = law.depends_on in _SLOW
+    ends = "a law, no event and no drift" if drifts else f"{pronoun} with the commands, no event"
+    return f"There {verb} {what}{where} that {depends}: {ends}."
 
 
 def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:
     """Return the shape of a drift; `several` as in `event_sentences`."""
     what = _WHAT[shape.channel].format(with_error(shape.size, shape.standard_error, shape.unit, pure=False))
     where = f" In {shape.recording}," if several else ""
-    if shape.kind == "after_tilt":
-        said = (
-            f"after every move of the tilt {what} relaxes with a time constant of about {decimal(shape.time, 0)} s "
-            "(size just after a move by the reference tilt)."
-        )
-    elif shape.kind == "swing":
+    if shape.kind == "swing":
         period = _time(shape.time, shape.time_error)
         said = f"{what.rstrip(',')} swings to and fro with a period of {period}."
     else:
@@ -269,11 +266,11 @@ def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:
     return f"{where} {said}".strip() if where else said[0].upper() + said[1:]
 
 
-def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False) -> str:
+def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False, laws: bool = False) -> str:
     """Return the drifts that are larger than stated; empty otherwise.
 
     `scales` are their sizes over the stated ones, by reading. If events or shapes of drifts are reported too
-    (`shaped`), the remainder has no shape.
+    (`shaped`), the remainder has no shape. `laws` that nothing describes are part of it.
     """
     raised = [
         f"that of the {_DRIFTS.get(name, name)} {decimal(scale, 1)} times"
@@ -283,7 +280,8 @@ def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False) -> str:
     if not raised:
         return ""
     what = "What is left of the slow drift is" if shaped else "The slow drift is"
-    return f"{what} larger than stated: {listed(raised, 'and')}; {_SHAPELESS}."
+    why = "what depends so is part of it" if laws else _SHAPELESS
+    return f"{what} larger than stated: {listed(raised, 'and')}; {why}."
 
 
 def _time(time: float, error: float) -> str:
