@@ -295,6 +295,25 @@ def test_drift_that_follows_a_temperature_is_reported_as_such(survey):
 
 
 @pytest.mark.slow
+def test_drift_that_follows_a_temperature_does_so_in_recordings_for_validation(survey, tmp_path):
+    def warmed(recording):
+        # a fan cools the coils at times
+        time, measurement = recording.time, recording.measurement.copy()
+        for at in (50.0, 120.0) if time[-1] > 120.0 else (15.0,):
+            measurement["coil_temperature"] -= 5.0 * np.exp(-(((time - at) / 12.0) ** 2))
+        measurement["coil_voltage_x"] += 4.0e-3 * (measurement["coil_temperature"] - 293.0)
+        return replace(recording, measurement=measurement)
+
+    check = record(tmp_path, "check", hidden_machine(31, {}), "check", noise_seed=9001)
+    found = diagnose([warmed(survey)], MODEL, validate=[warmed(check)])
+    (shape,) = found.drift_shapes
+    assert shape.kind == "coil_temperature"
+    assert shape.channel in ("coil_voltage_x", "torque_x")
+    assert found.proof is not None
+    assert found.proof.proven
+
+
+@pytest.mark.slow
 def test_torque_that_relaxes_after_every_move_of_the_tilt_is_a_law_and_no_drift(survey):
     # a branch of the flexure that yields: it holds against a move, and lets go within ten seconds
     tilt, rate = survey.measurement["tilt_x"] + 1j * survey.measurement["tilt_y"], 5e-4 / 10.0

@@ -18,7 +18,14 @@ from gyrowheel_analysis.diagnosis.correction_map import CorrectionMap
 from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
 from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.estimates import Estimate
-from gyrowheel_analysis.diagnosis.events import accepted, as_events, beside_events, unused_events, with_sizes
+from gyrowheel_analysis.diagnosis.events import (
+    accepted,
+    as_events,
+    beside_events,
+    unused_events,
+    with_sizes,
+    without_warming,
+)
 from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
 from gyrowheel_analysis.diagnosis.proof import prove
@@ -141,8 +148,9 @@ def add_effect(
         accepted(prepared.problem, prepared.problem.fit(terms), fit) if declared else explanation.happened
     )
     problem = beside_events(prepared.problem, terms, happened).with_scales(explanation.problem.noise.scales)
-    prepared = replace(prepared, problem=problem)
     before, after = _before(model, explanation.problem, air), problem.refined(problem.fit(terms))
+    validation = without_warming(prepared.validation, problem, after, happened)
+    prepared = replace(prepared, problem=problem, validation=validation)
     events = with_sizes(problem, after, happened, [str(r.path) for r in fit])
     events += unused_events(prepared.validation, after, validate)
     errors = errors_of(before, after, prepared, explanation.fitted)

@@ -27,7 +27,9 @@ from gyrowheel_analysis.fitting.events import (
     QUANTITIES,
     TEMPERATURES,
     Event,
+    per_kelvin,
     temperature,
+    unit_rows,
 )
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
@@ -144,6 +146,31 @@ def beside_events(problem: Problem, terms: Sequence[Term], found: Sequence[Found
         return problem
     with_events = problem.with_events(all_of(found)).with_drift_estimated()
     return with_events.without_events(with_events.fit(terms))
+
+
+def without_warming(
+    validation: Prepared | None, problem: Problem, fit: Fit, found: Sequence[Found]
+) -> Prepared | None:
+    """Return recordings for validation without the drifts that follow a temperature in those fitted, by their sizes."""
+    shapes = {
+        (event.quantity, event.kind): (
+            size,
+            temperature(problem.balances[event.recording].windows, event.kind),
+        )
+        for _, event, size, _ in _sizes(problem, fit, found)
+        if event.kind in TEMPERATURES
+    }
+    if validation is None or not shapes:
+        return validation
+    other = validation.problem
+    for (quantity, kind), (size, kelvin) in shapes.items():
+        balances = []
+        for b in other.balances:
+            course = per_kelvin(kelvin) * (temperature(b.windows, kind) - kelvin.mean())
+            gone = size * unit_rows(b, QUANTITIES[quantity]) * np.tile(course, len(b.rows))
+            balances.append(b.with_measured(b.measured - gone))
+        other = replace(other, prediction=other.prediction.with_measured(balances))
+    return replace(validation, problem=other)
 
 
 def unused_events(validation: Prepared | None, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:

@@ -40,8 +40,11 @@ TEMPERATURES: tuple[Kind, ...] = ("coil_temperature", "motor_temperature", "air_
 
 #: Quantities of which a jump looks like a motion.
 MOTION = ("tilt_reading_x", "tilt_reading_y")
-#: Quantities that change as the zero of a reading does.
-OFFSETS = ("torque_x", "torque_y", "motor_current", "motor_voltage", *MOTION, "encoder_zero")
+#: Zeros of readings, and torques that are hardly told from them.
+OFFSETS = (
+    "torque_x", "torque_y", "coil_voltage_x", "coil_voltage_y", "motor_current", "motor_voltage", *MOTION,
+    "encoder_zero",
+)  # fmt: skip
 _STEADY = 0.05  # K; a temperature that varies by less explains nothing
 _SHOWS = 1.0e-9  # part of the largest row below which a row is a rounding error
 _TORQUE = 1.0e-3  # N m on the default bench: size of a large event
@@ -115,10 +118,15 @@ class Event:
         """Return its mean over windows, in units of its size."""
         if self.kind in TEMPERATURES:
             kelvin = temperature(windows, self.kind)
-            return np.asarray((kelvin - kelvin.mean()) / max(np.ptp(kelvin), _STEADY))
+            return (kelvin - kelvin.mean()) * per_kelvin(kelvin)
         if self.kind == "after_tilt":
             return np.ones(len(windows))  # its rows already follow their course
         return self.profile(windows.start, windows.duration)
+
+
+def per_kelvin(kelvin: Array) -> float:
+    """Return the course per kelvin of what follows the temperatures of all windows."""
+    return 1.0 / max(float(np.ptp(kelvin)), _STEADY)
 
 
 def temperature(windows: Windows, kind: Kind) -> Array:
