@@ -16,14 +16,16 @@ import pyarrow.parquet as pq
 import pytest
 import zstandard
 
-from gyrowheel_core import topics, wire
+from gyrowheel_core import files, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import LARGEST_VARIABLE
-from gyrowheel_recording.bags import Recording, RecordingWriter, salvage
+from gyrowheel_recording.bags import Recording, RecordingWriter, salvage, write_run
 from gyrowheel_recording.mapping.map_file import ColumnMap
 from gyrowheel_recording.mapping.table import Table
 from gyrowheel_recording.tables import apart, read_grid
 from gyrowheel_recording.tables.grid import distinct
+
+from .recordings import make_run
 
 #: Columns of the map.
 _MEASURED = (
@@ -95,6 +97,19 @@ def test_messages_beyond_the_memory_limit_are_refused(
     with pytest.raises(
         InputError, match=r"run_0\.mcap: what is recorded on /gyrowheel/bench needs 0\.003 GB"
     ):
+        Recording.open(tmp_path / "run")
+
+
+def test_long_recording_is_not_limited_where_the_file_is_as_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The usual limit is for small files that unpack to more than the memory; a stated one holds for all."""
+    write_run(tmp_path / "run", **make_run(20_000))
+    assert (tmp_path / "run" / "run_0.mcap").stat().st_size > 2e6
+    monkeypatch.setattr(files, "_USUAL", 0.002)
+    assert len(Recording.open(tmp_path / "run").measurement) == 20_000
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.002")
+    with pytest.raises(InputError, match=r"run_0\.mcap: what is recorded on .* needs 0\.00\d* GB of memory"):
         Recording.open(tmp_path / "run")
 
 

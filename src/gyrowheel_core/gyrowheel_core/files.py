@@ -430,8 +430,11 @@ def largest_unpacked() -> int:
     return int(limit * _GIGABYTE)
 
 
-def require_room(size: float, what: str) -> None:
+def require_room(size: float, what: str, whole: float = 0.0) -> None:
     """Refuse a size above `largest_unpacked`.
+
+    What is stored in as many bytes as it takes in memory cannot surprise: unless the user states a limit, it is at
+    least the size of the file.
 
     Parameters
     ----------
@@ -439,15 +442,21 @@ def require_room(size: float, what: str) -> None:
         Needed memory [bytes].
     what : str
         Beginning of the message, with the file's name.
+    whole : float
+        Size of the file that it comes from [bytes].
 
     Raises
     ------
     InputError
         If it is too large; the message names the limit and the variable that raises it.
     """
-    if size > (limit := largest_unpacked()):
+    limit = float(largest_unpacked())
+    if not os.environ.get(LARGEST_VARIABLE):
+        limit = max(limit, whole)
+    if size > limit:
         more = not math.isfinite(size)
         needed = f"more than {limit / _GIGABYTE:.3g} GB" if more else f"{size / _GIGABYTE:.3g} GB"
         raise InputError(
-            f"{what} needs {needed} of memory; allowed: {limit / _GIGABYTE:g} GB ({LARGEST_VARIABLE} raises the limit)"
+            f"{what} needs {needed} of memory; allowed: {limit / _GIGABYTE:.3g} GB "
+            f"({LARGEST_VARIABLE} raises the limit)"
         )

@@ -247,13 +247,19 @@ class _File:
             topic.unchecked += 0 if share.checked else count
         if topic.name not in self._wanted:
             return
-        self._kept += int(share.sizes.sum()) + _OBJECT * count
-        require_room(self._kept, f"{self._file.name}: what is recorded on {topic.name}")
         want = self._wanted[topic.name]
+        as_rows = (
+            want is not None
+            and self._unpack is None
+            and bool(np.all(share.sizes == want.dtype.itemsize))
+            and topic.fits(want)
+        )
+        self._kept += int(share.sizes.sum()) + (0 if as_rows else _OBJECT * count)
+        require_room(self._kept, f"{self._file.name}: what is recorded on {topic.name}", self._size)
         rows = None
         if want is None:
             topic.times.append(share.times[share.own].astype(np.int64))
-        elif self._unpack is None and np.all(share.sizes == want.dtype.itemsize) and topic.fits(want):
+        elif as_rows:
             rows = topic.reserve(want, count)
         if rows is None:
             topic.pieces.append([])
