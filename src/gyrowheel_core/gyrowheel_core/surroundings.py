@@ -68,7 +68,10 @@ VARIABLES: Final = (
     Variable(
         cache.VARIABLE, "Folder for compiled code and computed results; removed at any time without harm"
     ),
-    Variable(LARGEST_VARIABLE, "Limit of unpacked files and of messages in memory [GB]; 4 if not set, or the size of an MCAP file"),
+    Variable(
+        LARGEST_VARIABLE,
+        "Limit of unpacked files and of messages in memory [GB]; 4 if not set, or the size of an MCAP file",
+    ),
     Variable("XDG_CACHE_HOME", "Folder that has the cache folder `gyrowheel`; `~/.cache` if not set"),
     Variable(
         "XDG_STATE_HOME",
