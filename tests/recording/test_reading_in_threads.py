@@ -289,10 +289,10 @@ def test_file_truncated_while_it_is_read_is_refused(own, threads, tmp_path, monk
 
 
 def test_limit_is_the_same_by_any_number_of_threads(own, monkeypatch):
-    monkeypatch.setenv(LARGEST_VARIABLE, "0.0005")
+    monkeypatch.setenv(LARGEST_VARIABLE, "0.0003")
     said = {refused(own, **way) for way in WAYS}
     assert len(said) == 1
-    assert "needs 0.0005" in said.pop()
+    assert "needs 0.0003" in said.pop()
 
 
 def test_errors_and_interrupts_of_threads_are_raised(own, monkeypatch):
