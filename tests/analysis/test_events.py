@@ -10,8 +10,11 @@ import sympy as sp
 from scipy.signal import lfilter
 
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
+from gyrowheel_analysis.criteria import FORM_GAIN
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.diagnosis.event_scan import places, scan
 from gyrowheel_analysis.diagnosis.event_search import find, search_events
+from gyrowheel_analysis.diagnosis.evidence import Evidence
 from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.model import Model
 from gyrowheel_core.arrays import one_thread
@@ -311,6 +314,17 @@ def test_drift_that_follows_a_temperature_does_so_in_recordings_for_validation(s
     assert shape.channel in ("coil_voltage_x", "torque_x")
     assert found.proof is not None
     assert found.proof.proven
+
+
+@pytest.mark.slow
+def test_a_shape_that_is_a_law_must_gain_as_much_more_as_a_free_form(survey):
+    with one_thread():
+        problem = prepare([survey], MODEL).problem
+        found = scan(Evidence(problem, problem.fit(())), places(problem))
+    by_chance = {(c.first.kind, c.first.quantity): c.gain - c.score for c in found}
+    drift = by_chance["coil_temperature", "motor_voltage"]
+    assert by_chance["coil_temperature", "coil_gain"] == pytest.approx(drift + FORM_GAIN)
+    assert by_chance["after_tilt", "torque_after_tilt"] > FORM_GAIN
 
 
 @pytest.mark.slow

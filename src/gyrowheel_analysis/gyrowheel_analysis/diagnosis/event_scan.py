@@ -15,6 +15,7 @@ from gyrowheel_analysis.criteria import (
     EVENT_LIKELY,
     EVENT_NEAR,
     EVENT_PRICE,
+    FORM_GAIN,
     SWING_FASTEST,
     SWINGS_FEWEST,
     SWINGS_MOST,
@@ -28,6 +29,7 @@ from gyrowheel_analysis.fitting.events import (
     TOGETHER,
     Event,
     Kind,
+    is_law,
     temperature,
 )
 from gyrowheel_analysis.fitting.problem import Problem
@@ -246,7 +248,7 @@ def price(kind: Kind, of_recordings: Sequence[Sequence[Profiles]]) -> float:
 def scan(evidence: Evidence, of_recordings: Sequence[Sequence[Profiles]]) -> list[Candidate]:
     """Return the best candidate of every kind and of all that changes together, best first.
 
-    `of_recordings` are the `places` of the problem.
+    `of_recordings` are the `places` of the problem. A shape that is a law must gain as much more as a free form.
     """
     found = []
     for recording, kinds in enumerate(of_recordings):
@@ -254,6 +256,8 @@ def scan(evidence: Evidence, of_recordings: Sequence[Sequence[Profiles]]) -> lis
         for quantities in TOGETHER:
             all_gains = evidence.gains(quantities, recording, kinds)
             for profiles, gains, own in zip(kinds, all_gains, prices, strict=True):
+                if is_law(profiles.kind, quantities[0]):
+                    own += FORM_GAIN
                 found.append(_best(recording, quantities, profiles, gains, own))
         for lag in LAGS:
             found.append(_after_tilt(evidence, recording, lag))
@@ -292,7 +296,7 @@ def _after_tilt(evidence: Evidence, recording: int, lag: float) -> Candidate:
     gain = float(gains[0])
     event = Event(recording, AFTER_TILT.name, "after_tilt", lag)
     number = len(LAGS) * len(evidence.problem.balances)
-    return Candidate((event,), gain, gain - chance("after_tilt", number), ((lag, lag),))
+    return Candidate((event,), gain, gain - chance("after_tilt", number) - FORM_GAIN, ((lag, lag),))
 
 
 def _spans(profiles: Profiles, likely: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:

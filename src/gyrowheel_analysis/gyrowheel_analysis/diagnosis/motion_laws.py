@@ -17,11 +17,10 @@ from gyrowheel_analysis.diagnosis.dated_changes import Variable
 from gyrowheel_analysis.diagnosis.event_scan import chance
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import (
-    OFFSETS,
     QUANTITIES,
-    TEMPERATURES,
     TOGETHER,
     Event,
+    is_law,
     lead,
     unit_rows,
 )
@@ -72,14 +71,10 @@ def law_instead(evidence: Evidence, events: Sequence[Event], score: float) -> Mo
 
 
 def law_of_shape(problem: Problem, event: Event, score: float) -> MotionLaw | None:
-    """Return a shape as a law; None where it is the shape of a drift.
-
-    A drift of a reading changes its zero. What follows a temperature otherwise, or the tilt with a delay, is a law,
-    which predicts other recordings: a term of the model must describe it.
-    """
-    late = event.kind == "after_tilt"
-    if not late and (event.kind not in TEMPERATURES or event.quantity in OFFSETS):
+    """Return a shape as a law, which a term of the model must describe; None where it is the shape of a drift."""
+    if not is_law(event.kind, event.quantity):
         return None
+    late = event.kind == "after_tilt"
     course = event.course(problem.balances[event.recording].windows)
     variable: Variable = "history" if late else "temperature"
     return MotionLaw(

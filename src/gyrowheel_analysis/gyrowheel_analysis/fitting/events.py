@@ -124,6 +124,11 @@ class Event:
         return self.profile(windows.start, windows.duration)
 
 
+def is_law(kind: Kind, quantity: str) -> bool:
+    """Whether a shape is a law, which predicts other recordings: a drift of a reading changes its zero."""
+    return kind == "after_tilt" or (kind in TEMPERATURES and quantity not in OFFSETS)
+
+
 def per_kelvin(kelvin: Array) -> float:
     """Return the course per kelvin of what follows the temperatures of all windows."""
     return 1.0 / max(float(np.ptp(kelvin)), _STEADY)
