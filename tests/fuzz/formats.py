@@ -90,9 +90,13 @@ def _whole(folder: Path) -> list[tuple[str, bytes]]:
         pq.write_table(pa.table(table), folder / f"{number}.parquet", **packing)
     feather.write_feather(pa.table(table), str(folder / "lz4.feather"))
     feather.write_feather(pa.table(table), str(folder / "plain.feather"), compression="uncompressed")
-    np.savez(folder / "plain.npz", **table)
-    np.savez_compressed(folder / "packed.npz", **table)
-    np.save(folder / "records.npy", np.rec.fromarrays(list(table.values()), names=list(table)))
+    arrays: dict[str, Any] = dict(table)
+    np.savez(folder / "plain.npz", **arrays)
+    np.savez_compressed(folder / "packed.npz", **arrays)
+    records = np.zeros(len(time), [(column, values.dtype) for column, values in table.items()])
+    for column, values in table.items():
+        records[column] = values
+    np.save(folder / "records.npy", records)
     _bags(folder, table)
     return [(file.name, file.read_bytes()) for file in sorted(folder.iterdir())]
 

@@ -99,12 +99,20 @@ def write_mat5(file: Path, columns: Columns, units: dict[str, str]) -> Path:
 
 def write_numpy(file: Path, columns: Columns, units: dict[str, str]) -> Path:
     """Write an archive of arrays (``.npz``), or one array of records (``.npy``)."""
-    named = {_plain(name, units): values for name, values in columns.items()}
+    named: dict[str, Any] = {_plain(name, units): values for name, values in columns.items()}
     if file.suffix == ".npz":
         np.savez(file, **named)
     else:
-        np.save(file, np.rec.fromarrays(list(named.values()), names=list(named)))
+        np.save(file, records(named))
     return file
+
+
+def records(columns: dict[str, Any]) -> np.ndarray:
+    """Return columns as one array of records."""
+    found = np.empty(len(next(iter(columns.values()))), [(name, own.dtype) for name, own in columns.items()])
+    for name, own in columns.items():
+        found[name] = own
+    return found
 
 
 def write_feather(file: Path, columns: Columns, units: dict[str, str]) -> Path:

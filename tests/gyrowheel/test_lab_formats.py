@@ -460,7 +460,7 @@ def test_times_of_a_thermometer_are_no_temperature(tmp_path: Path) -> None:
 
 
 def test_objects_in_an_archive_of_numpy_are_left_out(tmp_path: Path) -> None:
-    own = columns()
+    own: dict[str, Any] = columns()
     np.savez_compressed(tmp_path / "lab.npz", **own, about=np.array([{"bench": 3}, None], dtype=object))
     found = gw.suggest_map(tmp_path / "lab.npz")
     assert found.settled, found.questions
