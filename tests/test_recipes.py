@@ -11,7 +11,6 @@ import textwrap
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -104,10 +103,8 @@ def test_a_word_in_the_torque_table_is_changed(run: Run) -> None:
 
 
 def test_a_table_format_is_read(run: Run, tmp_path: Path) -> None:
-    file = tmp_path / "lab.npy"
-    rows = np.zeros(3, dtype=[("time", float), ("tilt", float)])
-    rows["time"] = [0.0, 0.1, 0.2]
-    np.save(file, rows)
+    file = tmp_path / "lab.jsonl"
+    file.write_text("".join(f'{{"time": {time}, "tilt": 1.5}}\n' for time in (0.0, 0.1, 0.2)))
     said = run(
         "from pathlib import Path; from gyrowheel_recording.tables import read_grid\n"
         f"grid = read_grid(Path({str(file)!r})); print(*grid.columns, grid.columns['time'].values.tolist())"
