@@ -107,7 +107,7 @@ def test_burst_of_a_tilt_reading_has_a_whole_window(
         (
             MissingLaw("monday", "temperature", ("torque_along_tilt",), 40.0),
             "There is a torque along the tilt, in proportion to it, that depends on the temperature of coils, motor or "
-            "air: a law, no event and no drift.",
+            "air: a law, not an event or a drift.",
         ),
         (
             MissingLaw("monday", "offset", ("torque_x", "torque_y"), 40.0),

@@ -117,6 +117,12 @@ def grouped(own: Lines) -> Lines:
     return [groups, names, heads(own[0])[1], *own[1:]]
 
 
+def grouped_apart(own: Lines) -> Lines:
+    """With columns that only separate the groups."""
+    cells = (line.split(";") for line in grouped(own))
+    return [";".join([*line[:3], "", *line[3:5], "", *line[5:]]) for line in cells]
+
+
 def heads(names: str) -> tuple[str, str]:
     """Return a line of names, and one of units."""
     parts = [name[:-1].split(" [") for name in names.split(";")]
@@ -147,6 +153,7 @@ WRITTEN: dict[str, tuple[Callable[[Table], None], str]] = {
     "names, units and how often, as Campbell writes": (lines(campbell), ""),
     "names, rates and units, as Beckhoff writes": (lines(beckhoff), ""),
     "names in groups": (lines(grouped), ""),
+    "names in groups with columns between them": (lines(grouped_apart), ""),
     "a degree written as an ordinal": (lines(lambda own: [own[0].replace("degC", "ºC"), *own[1:]]), ""),
     "numbers and names in quotes": (quoted, "have signs between the thousands"),
 }
@@ -443,7 +450,7 @@ def test_a_table_with_a_row_for_every_value_is_reported(tmp_path: Path) -> None:
 
 
 def test_times_of_a_thermometer_are_no_temperature(tmp_path: Path) -> None:
-    """Each signal of an HDF5 file in a group of its own, with its times."""
+    """An HDF5 file with one group per signal, each with its own time vector."""
     import h5py
 
     table = Table()

@@ -433,7 +433,7 @@ def largest_unpacked() -> int:
 def require_room(size: float, what: str, whole: float = 0.0) -> None:
     """Refuse a size above `largest_unpacked`.
 
-    What is stored in as many bytes as it takes in memory cannot surprise: unless the user states a limit, it is at
+    The limit protects against small files that unpack to more than the memory. Unless the user states one, it is at
     least the size of the file.
 
     Parameters

@@ -359,8 +359,9 @@ def _grouped(groups: Sequence[str], names: list[str]) -> list[str]:
     for above, name in zip(groups, names, strict=False):
         group = above or group
         joint.append(f"{group} {name}".strip() if name else "")
-    repeat = len(set(names)) < len(names) == len(set(joint))
-    return joint if repeat else names
+    named = [name for name in names if name]  # columns that only separate others have none
+    repeat = len(set(named)) < len(named) == len(set(joint) - {""})
+    return joint if repeat and len(joint) == len(names) else names
 
 
 def _comment_mark(line: str, *, without: str = "") -> str:

@@ -249,7 +249,7 @@ def law_sentence(law: MissingLaw, *, several: bool = False) -> str:
         return f"From the start there {verb} {what.rstrip(',')}{where}: an offset, no event."
     depends = f"depend{'s' if one else ''} on the {_MOTION[law.depends_on]}"
     drifts = law.depends_on in _SLOW
-    ends = "a law, no event and no drift" if drifts else f"{pronoun} with the commands, no event"
+    ends = "a law, not an event or a drift" if drifts else f"{pronoun} with the commands, no event"
     return f"There {verb} {what}{where} that {depends}: {ends}."
 
 
@@ -270,7 +270,7 @@ def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False, laws: b
     """Return the drifts that are larger than stated; empty otherwise.
 
     `scales` are their sizes over the stated ones, by reading. If events or shapes of drifts are reported too
-    (`shaped`), the remainder has no shape. `laws` that nothing describes are part of it.
+    (`shaped`), the remainder has no shape. `laws` that nothing describes may be part of it.
     """
     raised = [
         f"that of the {_DRIFTS.get(name, name)} {decimal(scale, 1)} times"
@@ -280,7 +280,7 @@ def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False, laws: b
     if not raised:
         return ""
     what = "What is left of the slow drift is" if shaped else "The slow drift is"
-    why = "what depends so is part of it" if laws else _SHAPELESS
+    why = "the law above may be part of it" if laws else _SHAPELESS
     return f"{what} larger than stated: {listed(raised, 'and')}; {why}."
 
 

@@ -22,12 +22,11 @@ from gyrowheel_recording.mapping.suggestion import Problem, Proposal, Suggestion
 from gyrowheel_recording.mapping.suggestion.checks import (
     broken_laws,
     column_problems,
-    rows_again,
-    rows_in_order,
     sentinel,
     words_for_nothing,
 )
 from gyrowheel_recording.mapping.suggestion.columns import assign_columns, with_stamps
+from gyrowheel_recording.mapping.suggestion.row_order import rows_again, rows_in_order
 from gyrowheel_recording.mapping.table_file import interpolated, sample_rows
 from gyrowheel_recording.mislabelled import WrongSetup
 from gyrowheel_recording.mislabelled.find import wrong_setups

@@ -14,18 +14,14 @@ from gyrowheel_recording.tables.readers import library_errors
 _ARRAY: Final = b"\x93NUMPY"
 _RECORDS: Final = b"'descr': ["  # of an array: its cells have fields
 _ZIP: Final = b"PK\x03\x04"
-_NAME: Final = (
-    slice(26, 28),
-    30,
-)  # of the first file of an archive: where its length stands, and where it begins
+_NAME: Final = 30  # place of the name of the first file of an archive; its length stands four bytes before
 
 
 def begins(head: bytes) -> bool:
     """Whether a file that begins with some bytes is one of NumPy whose columns have names."""
     if head.startswith(_ARRAY):
         return _RECORDS in head[:128]
-    length, begin = int.from_bytes(head[_NAME[0]], "little"), _NAME[1]
-    name = head[begin : begin + length]
+    name = head[_NAME : _NAME + int.from_bytes(head[_NAME - 4 : _NAME - 2], "little")]
     return head.startswith(_ZIP) and name.endswith(b".npy")
 
 
