@@ -53,13 +53,15 @@ def assign_columns(grid: Grid, bench: Bench, problems: list[Problem]) -> dict[st
     inputs = _numbered_inputs(list(grid.columns))
     for name in inputs:
         every[name] = replace(every[name], fields={})
+    for name, what in every.items():
+        if _is_clock(grid, name):  # the times of a signal are named after it
+            own_fields = {own: clear for own, clear in what.fields.items() if own in (TIME, SEQUENCE)}
+            every[name] = replace(what, fields=own_fields)
     names = {name: what for name, what in every.items() if _usable(grid.columns[name], what)}
     claims: list[tuple[float, int, str, str]] = []
     for order, (name, what) in enumerate(names.items()):
-        column, times = grid.columns[name], _is_clock(grid, name)
+        column = grid.columns[name]
         for own, clear in what.fields.items():
-            if times and own not in (TIME, SEQUENCE):
-                continue  # the times of a signal are named after it
             score = float(clear) - 4.0 * what.commanded + 0.5 * bool(what.unit) + _likely(column, own, what)
             claims.append((-score, order, name, own))
     found: dict[str, Proposal] = {}
@@ -139,7 +141,7 @@ def _thermometers(
     """Take unspecified thermometers for missing temperatures; of several it is asked which is which."""
     guesses = []
     for name, what in names.items():
-        if TEMPERATURE in what.fields and not (name in taken or what.commanded or _is_clock(grid, name)):
+        if TEMPERATURE in what.fields and name not in taken and not what.commanded:
             free = [f for f in ("air_temperature", "coil_temperature") if f not in found]
             proposal = _proposed(free[0], grid.columns[name], what, bench) if free else None
             if proposal is not None:
@@ -299,17 +301,23 @@ def _time_by_values(
 
 
 def _is_clock(grid: Grid, column: str) -> bool:
-    """Whether a column has times, by its name within its folder: those that never fall."""
+    """Whether a column has times: it is called so within its folder, and goes on from most rows to the next."""
     own = grid.columns[column]
-    if not own.numeric or TIME not in meaning_of(column[len(_folder(column)) :], own.unit).fields:
+    if not own.numeric or not _is_time(grid, column):
         return False
-    return bool(np.all(np.diff(own.values[:SOME].astype(np.float64)) >= 0.0))
+    steps = np.diff(np.asarray(own.values[:SOME], dtype=np.float64))
+    return len(steps) > 0 and bool(np.all(steps >= 0.0)) and _moves(steps)
+
+
+def _is_time(grid: Grid, column: str) -> bool:
+    """Whether a column is called a time within its folder."""
+    return TIME in meaning_of(column[len(_folder(column)) :], grid.columns[column].unit).fields
 
 
 def _value_a_row(grid: Grid) -> Problem | None:
     """Return the problem of a table with a row for each value, in which a text names the reading."""
     texts = [own for own in grid.columns.values() if not (own.numeric or own.dated)]
-    numbers = [name for name, own in grid.columns.items() if own.numeric and not _is_clock(grid, name)]
+    numbers = [name for name, own in grid.columns.items() if own.numeric and not _is_time(grid, name)]
     for own in texts if len(numbers) == 1 else ():
         first = [str(value) for value in own.values]
         named = set(first)
@@ -331,9 +339,7 @@ def _clock_for(grid: Grid, column: str, usual: str) -> str:
     like = [
         name
         for name, own in grid.columns.items()
-        if name != column
-        and len(own.values) == rows
-        and TIME in meaning_of(name[len(_folder(name)) :], own.unit).fields
+        if name != column and len(own.values) == rows and _is_time(grid, name)
     ]
     near = [name for name in like if _folder(name) == here and (here or usual not in like)]
     if not near and usual in like:
