@@ -1,17 +1,22 @@
 """Compiled code from the cache: what it is made from decides, whatever lies in the folder."""
 
+import contextlib
 import os
 import random
 import subprocess
 import sys
 import textwrap
+import time
 from pathlib import Path
 
 import pytest
 
+from gyrowheel_core.locks import changing
+
 _RUN = """
     import hashlib
     from gyrowheel_sim.jit import compile_source
+    print("compiling", flush=True)
     values, hits = [], []
     for name in ("sin", "cos"):
         lines = ["@njit(cache=True)", "def own(x: float) -> float:", f"    return math.{name}(x) * 3.0"]
@@ -22,18 +27,29 @@ _RUN = """
 """
 
 
-def _run(cache: Path) -> tuple[str, int]:
-    """Return a digest of results of compiled code, and how often it came from the cache."""
-    environment = {**os.environ, "GYROWHEEL_CACHE": str(cache)}
-    done = subprocess.run(
+def _started(cache: Path) -> subprocess.Popen[str]:
+    """Return a process that is about to compile two functions."""
+    process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(_RUN)],
-        env=environment,
-        capture_output=True,
+        env={**os.environ, "GYROWHEEL_CACHE": str(cache)},
+        stdout=subprocess.PIPE,
         text=True,
-        check=True,
     )
-    digest, hits = done.stdout.split()
+    assert process.stdout is not None
+    assert process.stdout.readline() == "compiling\n"
+    return process
+
+
+def _result(process: subprocess.Popen[str]) -> tuple[str, int]:
+    """Return a digest of results of compiled code, and how often it came from the cache."""
+    printed, _ = process.communicate(timeout=300)
+    assert process.returncode == 0
+    digest, hits = printed.split()
     return digest, int(hits)
+
+
+def _run(cache: Path) -> tuple[str, int]:
+    return _result(_started(cache))
 
 
 @pytest.mark.slow
@@ -65,3 +81,21 @@ def test_damaged_code_is_compiled_again(rounds: int, tmp_path: Path) -> None:
         # what was damaged was written again, too
         assert all(place.read_bytes() != wrong for place, wrong in zip(entries, before, strict=True)), round_
     assert _run(folder) == (fresh, 2)
+
+
+@pytest.mark.slow
+def test_code_that_another_process_compiles_is_awaited(tmp_path: Path) -> None:
+    folder = tmp_path / "cache"
+    fresh, _ = _run(folder)
+    entries = {place: place.read_bytes() for place in folder.iterdir() if place.name.startswith("code_")}
+    with contextlib.ExitStack() as compiling:
+        for place in entries:
+            compiling.enter_context(changing(place))
+            place.unlink()
+        process = _started(folder)
+        time.sleep(1.0)  # it looks for the code, which is not there
+        for place, content in entries.items():
+            place.write_bytes(content)
+            place.chmod(0o600)
+    assert _result(process) == (fresh, 2)
+    assert {place.name for place in folder.iterdir()} == {place.name for place in entries}

@@ -28,6 +28,8 @@ import numpy as np
 
 from gyrowheel_core import cache
 from gyrowheel_core.cache import digest
+from gyrowheel_core.errors import InputError
+from gyrowheel_core.locks import changing
 from gyrowheel_core.surroundings import ignored_here
 
 _SETTINGS = ".numba_config.yaml"
@@ -45,6 +47,8 @@ if _ignored:  # it would look again whenever it compiles
 
 #: Attribute of a module without a file that contains its source.
 SOURCE = "__kernel_source__"
+#: How long a process waits for another one that compiles the same code, before it compiles the code itself [s].
+_LONGEST_WAIT = 120.0
 
 
 def njit(function: FunctionType | None = None, *, cache: bool = False, **options: Any) -> Any:
@@ -63,8 +67,19 @@ def njit(function: FunctionType | None = None, *, cache: bool = False, **options
         return functools.partial(njit, cache=cache, **options)
     compiled: Any = numba.njit(**options)(function) if options else numba.njit(function)
     if cache:
-        compiled._cache = _Kept(function)
+        _keep(compiled, function)
     return compiled
+
+
+def _keep(compiled: Any, function: Callable[..., Any]) -> None:
+    """Have machine code kept; of processes that lack the same code, one compiles it and the others wait for it."""
+    kept, compile_ = _Kept(function), compiled.compile
+
+    def in_turn(*signature: Any) -> Any:
+        with contextlib.ExitStack() as kept.entries.turn:
+            return compile_(*signature)
+
+    compiled._cache, compiled.compile = kept, in_turn
 
 
 _NUMBERS = types.CPointer(types.float64)
@@ -78,7 +93,7 @@ def called_by_address(function: FunctionType) -> Any:
     quantities of the instant, and the sums that it adds to.
     """
     compiled: Any = CFunc(function, (_LAWS.args, _LAWS.return_type), {}, {"error_model": "numpy"})
-    compiled._cache = _Kept(function)
+    _keep(compiled, function)
     compiled.compile()
     return compiled
 
@@ -139,7 +154,8 @@ class _Kept(caching.FunctionCache):
         self._py_func = function
         self._impl = _Reduction()
         self._cache_path = str(cache.folder() or "")
-        self._cache_file: Any = _Entries(function)
+        self.entries = _Entries(function)
+        self._cache_file: Any = self.entries
         self._enabled = True
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -167,7 +183,12 @@ class _Reduction(caching.CompileResultCacheImpl):
 
 
 class _Entries:
-    """The cache entries of one function, each under a name that covers all its inputs."""
+    """The cache entries of one function, each under a name that covers all its inputs.
+
+    `turn` has the locks of entries that were missing, until they are compiled.
+    """
+
+    turn: contextlib.ExitStack
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._of = (
@@ -185,8 +206,17 @@ class _Entries:
         return f"code_{cache.digest(*self._of, repr(key))}"
 
     def load(self, key: Any) -> Any:
-        """Return the entry of a key, or None."""
-        content = cache.read(self._name(key))
+        """Return the entry of a key, after waiting for another process that compiles it; None if there is none."""
+        name, place = self._name(key), cache.folder()
+        found = self._read(name)
+        if found is None and place is not None:
+            with contextlib.suppress(InputError):  # a folder without space, or a process that stands still
+                self.turn.enter_context(changing(place / name, wait=_LONGEST_WAIT))
+                found = self._read(name)
+        return found
+
+    def _read(self, name: str) -> Any:
+        content = cache.read(name)
         with contextlib.suppress(
             ImportError, AttributeError
         ):  # of a class that another version has elsewhere
