@@ -101,7 +101,7 @@ def called_by_address(function: FunctionType) -> Any:
 def _call_laws(_: Any, address: Any, coef: Any, active: Any, state: Any, q: Any, sums: Any) -> Any:
     """Return the tuple `sums` as the function at `address` changes it (see `called_by_address`), as it is at address 0.
 
-    A law can so join a plant that was compiled without it.
+    A law can so join a plant that was compiled without it. The quantities `q` are a tuple or an array.
     """
 
     def code(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -125,9 +125,10 @@ def _call_laws(_: Any, address: Any, coef: Any, active: Any, state: Any, q: Any,
         with builder.if_then(cgutils.is_not_null(builder, values["address"]), likely=False):
             pointers = [
                 target.make_array(kinds[name])(target, builder, values[name]).data
-                for name in ("coef", "active", "state")
+                if isinstance(kinds[name], types.Array)
+                else stored(numbers(name))
+                for name in ("coef", "active", "state", "q", "sums")
             ]
-            pointers += [stored(numbers("q")), stored(before)]
             kind = target.get_function_pointer_type(types.ExternalFunctionPointer(_LAWS, int))
             target.call_function_pointer(builder, builder.inttoptr(values["address"], kind), pointers)
             sums_after = [cgutils.gep(builder, pointers[-1], index) for index in range(len(before))]

@@ -34,10 +34,10 @@ from gyrowheel_sim.effects.law_code import (
     coefficient_arrays,
     memory_layout,
     memory_size,
-    memory_source,
+    states_source,
 )
 from gyrowheel_sim.environment import Environment
-from gyrowheel_sim.jit import compile_source, kernel_text
+from gyrowheel_sim.jit import compile_kernels, compile_source
 
 _MOST = 8_000_000  # points of a course; a longer recording has them farther apart
 _ROW = 0.1  # s, between rows of slow quantities
@@ -199,15 +199,15 @@ class History:
     def _along(self, effect: Effect, values: Mapping[str, float]) -> Array:
         """Return the states (points, numbers) of an effect along the course."""
         course = self.course
-        code = _compiled(effect)
-        coefficients, _ = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
+        rates, starts = _addresses(effect)
+        coefficients, active = coefficient_arrays([effect], {effect.name: dict(values)}, self._bench)
         size = memory_size([effect])
         out = np.empty((len(course.points), size // 3))
         parts = max(math.ceil(course.step / (_ROUGH * self._bench.sample_period) - 1e-6), 1)
         parts = min(parts, max(_PARTS, math.ceil(course.step)))
-        code.states_along(
-            coefficients, np.zeros(size), course.points, course.slow, course.per_row, course.start, course.step, parts,
-            out,
+        compile_kernels(*_KERNELS).states_along(
+            rates, starts, coefficients, active, np.zeros(size), effect.each_flexure,
+            course.points, course.slow, course.per_row, course.start, course.step, parts, out,
         )  # fmt: skip
         return out
 
@@ -231,22 +231,23 @@ def _similar(effect: Effect, values: Mapping[str, float], about: Mapping[str, fl
     return bool(about)
 
 
-_codes: dict[Any, Any] = {}
+_KERNELS = (
+    ("gyrowheel_sim", "mechanics/dynamics.py"),
+    ("gyrowheel_sim", "effects/law_code.py"),
+    ("gyrowheel_analysis", "balance/history_kernel.py"),
+)
+_codes: dict[Any, tuple[int, int]] = {}
 
 
-def _compiled(effect: Effect) -> Any:
-    """Return the compiled code of the states of an effect; effects that differ in names and values alone share it."""
+def _addresses(effect: Effect) -> tuple[int, int]:
+    """Return where the code is that writes rates and start values of the states of an effect.
+
+    Effects that differ in names and values alone share it.
+    """
     key = effect.states, effect.each_flexure, tuple(c.name for c in effect.coefficients)
     if key not in _codes:
-        text = "\n\n".join(
-            [
-                kernel_text("gyrowheel_sim", "mechanics/dynamics.py"),
-                kernel_text("gyrowheel_sim", "effects/law_code.py"),
-                memory_source([replace(effect, name="law")]),  # the name is in the source
-                kernel_text("gyrowheel_analysis", "balance/history_kernel.py"),
-            ]
-        )
-        _codes[key] = compile_source(text, "the states of a law")
+        code = compile_source(states_source(replace(effect, name="law")), "the states of a law")
+        _codes[key] = code.law_rates.address, code.law_starts.address
     return _codes[key]
 
 

@@ -192,6 +192,11 @@ def memory_source(effects: Sequence[Effect], memory_start: int = 0) -> str:
     )
 
 
+def states_source(effect: Effect) -> str:
+    """Return the source of `law_rates` and `law_starts` of one effect, each called by address, see `further_source`."""
+    return "\n\n".join(_states_source([effect], name, 0, 0) for name in _STATES)
+
+
 def _states_source(
     effects: Sequence[Effect], function: str, memory_start: int, first: int | None = None
 ) -> str:
