@@ -293,6 +293,26 @@ def test_verdicts_are_plain_sentences():
 
 
 @pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("effect", "An effect may be missing: drag of the air on the spin (windage). This is not proven."),
+        ("two", "Two effects may be missing: "),
+        ("ambiguous", "Missing: either cross torque of the air on the tilted rotor (aero_cross) or "),
+    ],
+)
+def test_what_unused_data_contradict_is_not_stated_as_proven(name: str, said: str):
+    """Once the heading said that an effect is missing, and the line below that this is not consistent."""
+    shown = verdict_sentence(
+        replace(VERDICTS[name], proof=Proof("check", False, "channel", causes=("spin",)))
+    )
+    assert shown.startswith(said)
+    assert shown.endswith("This is not proven.")
+    assert verdict_sentence(
+        replace(VERDICTS[name], proof=Proof("check", True, "predicted"))
+    ) == verdict_sentence(VERDICTS[name])
+
+
+@pytest.mark.parametrize(
     ("changes", "expected"),
     [
         (

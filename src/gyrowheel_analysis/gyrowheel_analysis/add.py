@@ -20,11 +20,11 @@ from gyrowheel_analysis.diagnosis.diagnose import estimates, nuisance_estimates
 from gyrowheel_analysis.diagnosis.estimates import Estimate
 from gyrowheel_analysis.diagnosis.events import (
     accepted,
+    as_continued,
     as_events,
     beside_events,
     unused_events,
     with_sizes,
-    without_warming,
 )
 from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
 from gyrowheel_analysis.diagnosis.limits import beyond, is_possible
@@ -149,9 +149,9 @@ def add_effect(
     )
     problem = beside_events(prepared.problem, terms, happened).with_scales(explanation.problem.noise.scales)
     before, after = _before(model, explanation.problem, air), problem.refined(problem.fit(terms))
-    validation = without_warming(prepared.validation, problem, after, happened)
+    validation = as_continued(prepared.validation, problem, after, happened)
     prepared = replace(prepared, problem=problem, validation=validation)
-    events = with_sizes(problem, after, happened, [str(r.path) for r in fit])
+    events = with_sizes(problem, after, happened, [str(r.path) for r in fit], validation)
     events += unused_events(prepared.validation, after, validate)
     errors = errors_of(before, after, prepared, explanation.fitted)
     coefficients = {term.name: estimates(problem, term, after) for term in terms}

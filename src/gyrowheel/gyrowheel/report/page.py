@@ -94,7 +94,7 @@ def _parts(report: ReportContent) -> dict[str, Any]:
         ),
         "mark": Markup(REPORT_MARKS[0]),
         "title": report.title,
-        "verdict": sections.VERDICTS[found.verdict],
+        "verdict": sections.verdict(found),
         "decision": decision(report, cells),
         "symbols": sections.symbols(report.latest, found),
         "made_by": report.made_by,

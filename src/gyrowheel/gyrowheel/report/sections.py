@@ -16,7 +16,14 @@ from gyrowheel.show.error_table import unit_of
 from gyrowheel.show.formulas import is_pure, pretty, typeset
 from gyrowheel.show.html import Cells, declared, label
 from gyrowheel.show.sentences.correction import range_text
-from gyrowheel.show.sentences.diagnosis import physics, purpose, simple_sentence, tie_sentence, title
+from gyrowheel.show.sentences.diagnosis import (
+    physics,
+    purpose,
+    simple_sentence,
+    tie_sentence,
+    title,
+    unproven,
+)
 from gyrowheel.show.sentences.findings import tie_of_event, untold_sentences
 from gyrowheel.show.sentences.setup import cure_of, map_lines, problem
 from gyrowheel_analysis.channels import LISTED
@@ -48,6 +55,7 @@ VERDICTS = {
     "unknown": "Unknown effect that the model lacks",
     "insufficient_data": "Too few data for a verdict",
 }
+_UNPROVEN = "Effect that the model may lack, not proven"
 #: Colour of a verdict.
 MOOD = {
     "nothing_missing": "good",
@@ -56,6 +64,11 @@ MOOD = {
     "unknown": "bad",
     "insufficient_data": "open",
 }
+
+
+def verdict(found: Diagnosis) -> str:
+    """Return a verdict in words."""
+    return _UNPROVEN if found.verdict == "effect" and unproven(found) else VERDICTS[found.verdict]
 
 
 def steps(done: Investigation, cells: Cells) -> list[dict[str, Any]]:

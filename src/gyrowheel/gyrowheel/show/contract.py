@@ -207,6 +207,7 @@ def event_json(event: DatedEvent, *, several: bool) -> dict[str, Any]:
         "end_standard_error": event.end_error,
         **_picked(event, "kind channel size standard_error unit recording gain"),
         "ties": list(event.ties),
+        "still_in": list(event.still_in),
         "sentence": event_sentence(event, several=several),
     }
 

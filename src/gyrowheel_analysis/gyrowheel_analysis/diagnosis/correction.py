@@ -94,9 +94,10 @@ def applied(explanation: Explanation, given: CorrectionMap, problem: Problem | N
     known = problem or explanation.problem
     unknowns = _with_map(known.unknowns, given)
     prepared = replace(fitted, problem=known.for_unknowns(unknowns))
-    if fitted.validation is not None:
-        other = fitted.validation.problem.with_scales(known.noise.scales).for_unknowns(unknowns)
-        prepared = replace(prepared, validation=replace(fitted.validation, problem=other))
+    # what stayed, or follows a temperature, is part of the events
+    if (validation := (fitted if known.events else explanation.weighed).validation) is not None:
+        other = validation.problem.with_scales(known.noise.scales).for_unknowns(unknowns)
+        prepared = replace(prepared, validation=replace(validation, problem=other))
     terms = tuple(unknowns.term(name) for name in given.effects)
     after = prepared.problem.refined(prepared.problem.fit(terms))
     before = explanation.before
@@ -113,7 +114,7 @@ def proof_of(found: Corrected, events: Sequence[Event]) -> Proof:
     problem, other = prepared.problem, prepared.validation.problem
     unknowns = problem.unknowns.with_errors(found.map.effect.name, found.map.errors)
     with_errors = Problem.of(problem.balances, unknowns).with_noise(problem.noise)
-    validation = Problem.of(other.balances, unknowns).with_noise(other.noise)
+    validation = replace(Problem.of(other.balances, unknowns).with_noise(other.noise), stayed=other.stayed)
     more, at = unknowns.count - problem.count, problem.count
     columns = with_errors.base_jacobian[:, at:]
     # an error of the map moves everything else, which was fitted with it

@@ -36,6 +36,8 @@ class DatedEvent:
         Increase of twice the log likelihood of the recordings.
     ties : tuple of str
         Other quantities whose change explains the recordings equally well.
+    still_in : tuple of str
+        Recordings for validation in which it is still there.
     """
 
     recording: str
@@ -50,6 +52,7 @@ class DatedEvent:
     unit: str
     gain: float
     ties: tuple[str, ...] = ()
+    still_in: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

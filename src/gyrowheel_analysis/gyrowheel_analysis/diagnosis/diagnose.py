@@ -145,7 +145,7 @@ def _judged(
     before = explanation.before
     windows = concatenate([b.windows for b in problem.balances])
     data = window_residuals(problem.balances, windows, before.residual, problem.noise)
-    events = with_sizes(problem, best, explanation.happened, paths)
+    events = with_sizes(problem, best, explanation.happened, paths, fitted.validation)
     shapes = drift_shapes(problem, best, explanation.happened, paths)
     events += unused_events(fitted.validation, best, validate)
     planner = Planner(problem, best)

@@ -14,17 +14,19 @@ from gyrowheel_analysis.criteria import (
     EVENT_GAIN,
     EVENT_LACK,
     EVENT_SAME,
+    PREDICTING_GAIN,
 )
 from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
 from gyrowheel_analysis.diagnosis.event_search import find, search_events
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
-from gyrowheel_analysis.diagnosis.proof import lack_of_fit
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit, predictive_cost
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
 from gyrowheel_analysis.fitting.events import (
     HAPPENS,
     QUANTITIES,
+    STAYS,
     TEMPERATURES,
     Event,
     per_kelvin,
@@ -33,7 +35,7 @@ from gyrowheel_analysis.fitting.events import (
 )
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
-from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.fitting.problem import Problem, Stayed
 from gyrowheel_recording.bags import Recording, parted
 
 _ROUNDS = 3  # of selecting effects given events and searching events given effects
@@ -173,6 +175,66 @@ def without_warming(
     return replace(validation, problem=other)
 
 
+def as_continued(
+    validation: Prepared | None, problem: Problem, fit: Fit, found: Sequence[Found]
+) -> Prepared | None:
+    """Return recordings for validation as the events of the fitted ones leave the machine.
+
+    A drift that follows a temperature goes on there. A change that stayed may be still there: it is where that makes
+    the recording likelier by more than chance does, and else it is not expected.
+    """
+    validation = without_warming(validation, problem, fit, found)
+    staying = [own for own in found if own.event.kind in STAYS]
+    if validation is None or not staying:
+        return validation
+    plain = validation.problem.with_scales(problem.noise.scales)
+    able = [(own, place) for own in staying for place in range(len(plain.balances))]
+    chosen: list[tuple[Found, int]] = []
+    best, cost = plain, predictive_cost(plain, fit)
+    while able:
+        tried = [(_with_stayed(plain, problem, fit, [*chosen, one], validation.names), one) for one in able]
+        costs = [predictive_cost(other, fit) for other, _ in tried]
+        least = int(np.argmin(costs))
+        if costs[least] > cost - PREDICTING_GAIN:
+            break
+        (best, one), cost = tried[least], costs[least]
+        chosen.append(one)
+        able.remove(one)
+    return replace(validation, problem=best) if chosen else validation
+
+
+def _with_stayed(
+    other: Problem, problem: Problem, fit: Fit, stayed: Sequence[tuple[Found, int]], names: Sequence[str]
+) -> Problem:
+    """Return the problem of other recordings, named so, without changes that stayed, by their sizes in those fitted.
+
+    Each is given with the number of a recording.
+    """
+    sizes, covariance = problem.event_sizes(fit)
+    columns = np.zeros((len(other.measured), len(sizes)))
+    edges = np.cumsum([0, *(len(b) for b in other.balances)])
+    for own, place in stayed:
+        balance = other.balances[place]
+        for event in own.events:
+            rows = unit_rows(balance, QUANTITIES[event.quantity])
+            columns[edges[place] : edges[place + 1], problem.events.index(event)] += rows
+    scale = np.sqrt(np.diag(covariance))
+    values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    balances = [
+        b.with_measured(b.measured - rows)
+        for b, rows in zip(other.balances, other.prediction.split(columns @ sizes), strict=True)
+    ]
+    return replace(
+        other,
+        prediction=other.prediction.with_measured(balances),
+        stayed=Stayed(
+            tuple((event, names[place]) for own, place in stayed for event in own.events),
+            columns @ sizes,
+            columns @ (scale[:, None] * axes * np.sqrt(np.maximum(values, 0.0))),
+        ),
+    )
+
+
 def unused_events(validation: Prepared | None, fit: Fit, recordings: Sequence[Recording]) -> list[DatedEvent]:
     """Return the events in recordings on which nothing was fitted, given a fit to others; their rows are unchanged.
 
@@ -209,8 +271,15 @@ def _same(left: Sequence[Found], right: Sequence[Found]) -> bool:
     )
 
 
-def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequence[str]) -> list[DatedEvent]:
-    """Return the events at a time, with their sizes given a fit."""
+def with_sizes(
+    problem: Problem,
+    fit: Fit,
+    found: Sequence[Found],
+    names: Sequence[str],
+    validation: Prepared | None = None,
+) -> list[DatedEvent]:
+    """Return the events at a time, with their sizes given a fit, and where in recordings for validation they stayed."""
+    stayed = validation.problem.stayed if validation is not None else None
     return [
         DatedEvent(
             recording=names[event.recording],
@@ -225,6 +294,7 @@ def with_sizes(problem: Problem, fit: Fit, found: Sequence[Found], names: Sequen
             unit=QUANTITIES[event.quantity].unit,
             gain=own.gain,
             ties=own.ties,
+            still_in=tuple(name for same, name in stayed.events if same == event) if stayed else (),
         )
         for own, event, size, error in _sizes(problem, fit, found)
         if event.kind in HAPPENS

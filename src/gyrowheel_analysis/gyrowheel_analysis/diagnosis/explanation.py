@@ -22,7 +22,7 @@ from gyrowheel_analysis.criteria import (
     TIE_LOSS,
 )
 from gyrowheel_analysis.diagnosis.event_dating import Found
-from gyrowheel_analysis.diagnosis.events import Outcome, explain, without_warming
+from gyrowheel_analysis.diagnosis.events import Outcome, as_continued, explain
 from gyrowheel_analysis.diagnosis.free_forms import memory_forms
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
@@ -65,7 +65,7 @@ class Explanation:
         if self.weighed_by is not None:
             validation = replace(validation, problem=validation.problem.reweighed(self.weighed_by))
         weighed = replace(self.weighed, validation=validation)
-        plain = without_warming(validation, self.problem, self.best, self.happened)
+        plain = as_continued(validation, self.problem, self.best, self.happened)
         return replace(self, fitted=replace(self.fitted, validation=plain), weighed=weighed)
 
     @property

@@ -130,7 +130,9 @@ class _Prediction:
         self.covariance = fit.covariance
         root = _root(fit.covariance)
         self._spread = self.slopes @ root
-        self._inner = np.linalg.inv(np.eye(root.shape[1]) + self._spread.T @ self._spread)
+        if problem.stayed is not None:
+            self._spread = np.hstack([self._spread, problem.noise.whiten(problem.stayed.spread)])
+        self._inner = np.linalg.inv(np.eye(self._spread.shape[1]) + self._spread.T @ self._spread)
 
     @property
     def count(self) -> int:
@@ -235,6 +237,12 @@ def _validated(
     }
     if before is not None and after is not None and floor is not None:
         shown |= _channel(before, after, floor, found=bool(best.terms))
+    if other.stayed is not None:
+        white = other.noise.whiten(seen.rows + other.stayed.rows)
+        shown |= {
+            "stayed": tuple(dict.fromkeys(event.time for event, _ in other.stayed.events)),
+            "otherwise": float(white @ white) / n,
+        }
     if seen.plain <= n + slack or (
         seen.vagueness < VAGUE_PREDICTION
         and seen.judged <= n + slack

@@ -95,6 +95,10 @@ class Proof:
         The test of every channel.
     smallest : float
         Smallest misfit that the test of every channel would have shown in four of five cases [noise floors].
+    stayed : tuple of float
+        Times of changes in the fitted recordings that are taken to be still there [s].
+    otherwise : float
+        χ²/N of the prediction if they were not.
     """
 
     recording: str
@@ -115,3 +119,5 @@ class Proof:
     speed: float = 0.0
     channels: tuple[ChannelCheck, ...] = ()
     smallest: float = 0.0
+    stayed: tuple[float, ...] = ()
+    otherwise: float = 0.0

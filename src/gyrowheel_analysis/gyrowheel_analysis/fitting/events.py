@@ -35,6 +35,8 @@ Kind = Literal[
 ]
 #: Changes at one time; all other kinds are shapes of a drift.
 HAPPENS: tuple[Kind, ...] = ("step", "trend", "burst")
+#: Those after which the quantity is another one.
+STAYS: tuple[Kind, ...] = ("step", "trend")
 #: Shapes that follow a reading.
 TEMPERATURES: tuple[Kind, ...] = ("coil_temperature", "motor_temperature", "air_temperature")
 

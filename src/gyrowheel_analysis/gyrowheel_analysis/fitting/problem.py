@@ -29,13 +29,26 @@ _PARTS = (0.08, 0.3, 3.0)  # of the usual time or way of a law with a memory, wi
 
 
 @dataclass(frozen=True)
+class Stayed:
+    """Changes in other recordings of the machine that are still there.
+
+    `events` has each with the name of a recording in which it is still there. `rows` (N,) are what they add to the
+    measured rows, by their sizes in the others; `spread` (N, k) are the rows of the standard errors of these sizes.
+    """
+
+    events: tuple[tuple[Event, str], ...]
+    rows: Array
+    spread: Array
+
+
+@dataclass(frozen=True)
 class Problem:
     """Everything that a fit needs; immutable: another noise makes another problem.
 
     `prediction` predicts the rows of the recordings, `noise` is that of the measured rows; `base` (N,) are the rows
     predicted with everything as stated, `base_jacobian` (N, q) their derivatives by the nuisance unknowns. `events` are
     changes in the middle of a recording, whose sizes are estimated; sizes `removed` are already subtracted from the
-    measured rows.
+    measured rows, as is what `stayed`.
     """
 
     prediction: Prediction
@@ -44,6 +57,7 @@ class Problem:
     base_jacobian: Array
     events: tuple[Event, ...] = ()
     removed: tuple[float, ...] = ()
+    stayed: Stayed | None = None
     #: The last fits: selection, validation and report ask for the same ones, mostly without one of the terms.
     _fits: OrderedDict[tuple[tuple[Term, ...], int, int], tuple[Fit | None, Fit]] = field(
         default_factory=OrderedDict, init=False, repr=False, compare=False

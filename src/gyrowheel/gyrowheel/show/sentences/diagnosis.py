@@ -193,7 +193,13 @@ def _verdict(found: Diagnosis) -> str:
     ):
         return by_verdict[found.verdict](found)
     said = [instrument_sentence(f) for f in found.instruments]
-    return " ".join([*_named_effects(found.effects), *said])
+    doubt = ["This is not proven."] if unproven(found) else []
+    return " ".join([*_named_effects(found.effects, doubtful=bool(doubt)), *said, *doubt])
+
+
+def unproven(found: Diagnosis) -> bool:
+    """Whether data that were not fitted disagree with what was found."""
+    return found.proof is not None and found.proof.proven is False
 
 
 def _nothing(found: Diagnosis, *, also: bool = False) -> str:
@@ -217,7 +223,7 @@ def _unknown(found: Diagnosis) -> str:
         return "That is no explanation: something is missing that no known effect explains."
     known = listed([named(f) for f in found.effects], "and") if found.effects else ""
     # what describes a part of something else looks like an effect
-    like = "what looks like " if found.proof is not None and found.proof.proven is False else ""
+    like = "what looks like " if unproven(found) else ""
     what = f"Besides {like}{known}, something" if known else "Something"
     formula = f"; proposed formula: {_formulas(found.free_form[0])}" if found.free_form else ""
     mapped = "; a map of the missing torque describes it" if found.map is not None else ""
@@ -244,7 +250,8 @@ def _ties(found: Diagnosis) -> str:
         for f in {f.name: f for f in found.instruments}.values()
     ]
     begin = "Missing" if found.effects else "Not as stated"
-    return f"{begin}: {'; and '.join(choices)}. These recordings do not separate them."
+    doubt = " This is not proven." if unproven(found) else ""
+    return f"{begin}: {'; and '.join(choices)}. These recordings do not separate them.{doubt}"
 
 
 def _fails_elsewhere(found: Diagnosis) -> bool:
@@ -263,16 +270,17 @@ def _some(names: Sequence[str], most: int = 4) -> str:
     return f"{', '.join(names[: most - 1])} or one of {len(names) - most + 1} more"
 
 
-def _named_effects(findings: Sequence[EffectFinding]) -> list[str]:
+def _named_effects(findings: Sequence[EffectFinding], *, doubtful: bool) -> list[str]:
     """Return missing effects, effects of another size, and bench parameters that are not as stated."""
+    one, more = ("may be", "may be") if doubtful else ("is", "are")
     missing = [named(f) for f in findings if f.in_model is None and f.name not in ERROR_TITLES]
     wrong = [f.name for f in findings if f.in_model is not None]
     said = []
     if len(missing) == 1:
-        said.append(f"An effect is missing: {missing[0]}.")
+        said.append(f"An effect {one} missing: {missing[0]}.")
     elif missing:
         said.append(
-            f"{_COUNTS.get(len(missing), str(len(missing)))} effects are missing: {listed(missing, 'and')}."
+            f"{_COUNTS.get(len(missing), str(len(missing)))} effects {more} missing: {listed(missing, 'and')}."
         )
     if wrong:
         sizes, verb = ("size", "disagrees") if len(wrong) == 1 else ("sizes", "disagree")

@@ -200,11 +200,12 @@ def _sentence(events: Sequence[DatedEvent], several: bool) -> str:
     what = listed([part.rstrip(",") for part in each[:-1]] + each[-1:], "and")
     where = f" of {event.recording}" if several else ""
     begin = _time(event.time, event.time_error)
+    still = f", and is still there in {listed(list(event.still_in), 'and')}" if event.still_in else ""
     if event.kind == "step" or event.end is None:
-        return f"At {begin}{where} {what} appeared and stayed."
+        return f"At {begin}{where} {what} appeared and stayed{still}."
     end = _time(event.end, event.end_error or 0.0)
     if event.kind == "trend":
-        return f"From {begin} to {end}{where} {what} grew, and stayed."
+        return f"From {begin} to {end}{where} {what} grew, and stayed{still}."
     were = "was" if len(events) == 1 else "were"
     return f"From {begin} to {end}{where} there {were} {what.rstrip(',')}."
 

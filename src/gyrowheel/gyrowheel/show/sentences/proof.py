@@ -11,7 +11,7 @@ from rich.text import Text
 from gyrowheel.show.error_table import unit_of, units_of
 from gyrowheel.show.sentences.residuals import TITLES
 from gyrowheel_analysis.channels import CHANNELS, LISTED
-from gyrowheel_core.quantities import fixed, listed, quantity
+from gyrowheel_core.quantities import decimal, fixed, listed, quantity
 from gyrowheel_core.units import RPM
 
 if TYPE_CHECKING:
@@ -40,17 +40,18 @@ def proof_sentence(proof: Proof | None, table: ErrorTable | None = None) -> str:
     if proof.reason == "map":
         return f"Not tested on anything that was not fitted: the map was fitted to all of it. {HOW}"
     on = f" with {proof.recording}" if not proof.left_out else ""
+    given = _given(proof)
     if proof.proven is None and proof.reason == "no_gain":
         hardly = "what was found hardly changes the prediction"
-        return f"Not tested{on}: {_parts(proof)}{hardly}, {_error(proof, table)}."
+        return f"Not tested{on}{given}: {_parts(proof)}{hardly}, {_error(proof, table)}."
     if proof.proven is None:
         return f"Not tested on anything that was not fitted: too few windows to leave some out. {HOW}"
     if not proof.proven:
-        return f"NOT consistent{on}: {_parts(proof)}{_why(proof, table)}."
+        return f"NOT consistent{on}{given}: {_parts(proof)}{_why(proof, table)}."
     power = (
         f"; detection limit: {fixed(proof.smallest)} times the noise of a channel" if proof.smallest else ""
     )
-    return f"Consistent{on} in every channel: {_parts(proof)}{_error(proof, table)}{power}."
+    return f"Consistent{on} in every channel{given}: {_parts(proof)}{_error(proof, table)}{power}."
 
 
 def proof_line(proof: Proof | None, table: ErrorTable | None = None) -> Text:
@@ -77,6 +78,14 @@ def left_sentences(proof: Proof | None, rejected: Sequence[str] = (), *, ended: 
     if parts:
         said.append(f"Left: {'; '.join(parts)}.")
     return said
+
+
+def _given(proof: Proof) -> str:
+    """Return what of the fitted recordings is taken to be still there."""
+    if not proof.stayed:
+        return ""
+    times = listed([f"{decimal(time, 1)} s" for time in proof.stayed], "and")
+    return f", given that what changed at {times} is still there (otherwise χ²/N {fixed(proof.otherwise)})"
 
 
 def _parts(proof: Proof) -> str:
