@@ -12,9 +12,12 @@ from scipy.signal import butter
 
 from gyrowheel.show.sentences.diagnosis import verdict_sentence
 from gyrowheel_analysis.add import add_effect
+from gyrowheel_analysis.channels import in_groups
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.result import Diagnosis
+from gyrowheel_analysis.fitting.preparation import prepare
 from gyrowheel_analysis.model import Model
+from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import EffectValues, get, physical
 from gyrowheel_sim.effects.targets import TARGETS
@@ -138,3 +141,18 @@ def test_an_instrument_that_was_found_goes_into_the_model(plain: Recording) -> N
     assert abs(added.model.effects["coil_voltage_delay"]["d"] + BENCH.sample_period) < 5.0e-5
     again = diagnose([early], added.model)
     assert again.verdict == "nothing_missing", verdict_sentence(again)
+
+
+@pytest.mark.slow
+def test_what_a_filter_takes_from_a_reading_is_put_back_with_its_noise(tmp_path: Path) -> None:
+    filters = {"tilt_filter_time": 3e-3, "motor_voltage_filter_time": 3e-3, "motor_current_filter_time": 1e-3}
+    bench = BENCH.with_values(filters)
+    machine = replace(hidden_machine(11, {}), values=bench.values())
+    recording = record(tmp_path, "run", machine, "quick", bench=bench)
+    with one_thread():
+        problem = prepare([recording], replace(Model.new(), stated_bench=bench)).problem
+        residual = problem.measured - problem.predict(problem.fit(()).point)
+    (balance,), deviations = problem.balances, problem.noise.deviation()
+    for channel in in_groups("revolution", "ripple"):
+        parts = [(residual / deviations)[balance.row(name)] for name in channel.rows]
+        assert 0.75 < np.sqrt(np.mean(np.square(parts))) < 1.25, channel.rows

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from gyrowheel_analysis.balance.balance import Balance
+from gyrowheel_analysis.balance.instruments import Held, Instruments
 from gyrowheel_analysis.channels import Channel
 from gyrowheel_analysis.criteria import (
     ANGLE_FLOOR,
@@ -27,7 +28,7 @@ from gyrowheel_analysis.criteria import (
     VOLTAGE_FLOOR,
 )
 from gyrowheel_analysis.reduction.window_fit import resistances
-from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, MEAN, MODULATION
+from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, MEAN, MODULATION, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.registry import torque_scale
 from gyrowheel_sim.jit import njit
@@ -407,8 +408,10 @@ def _spin_acceleration(balance: Balance) -> tuple[Array, Array]:
 
 
 def _coil_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
-    v, w = bench.value, balance.windows
-    stiff = _resistance(balance, bench, order)
+    v, w, own = bench.value, balance.windows, Instruments.of(bench.values(), {})
+    # what a filter takes from the tilt is put back with its noise
+    shown = own.held("coil_voltage", order, w.mean_spin) / own.smooth("tilt", order, w.mean_spin)
+    stiff = _resistance(balance, bench, order) * np.abs(shown)
     white = (v("coil_constant") * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
     white = white * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
     hum = w.hum_variance[:, :, FORWARD.index(order)]
@@ -432,6 +435,7 @@ def _angle_amplitude(balance: Balance, bench: Bench, size: Array, order: int) ->
 def _shaft_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
     v, w = bench.value, balance.windows
     speed, current = _ripple_readings(balance)
+    current = current / _ripple_shown(bench, "motor_current", w) ** 2
     swing = bench.axial_inertia * v("motor_ripple_order") * w.mean_spin
     floor = torque_scale(balance.bench) * np.where(w.moving, MODEL_RIPPLE, MODEL_ABSOLUTE)
     return np.asarray(swing**2 * speed + v("motor_constant") ** 2 * current + floor**2)
@@ -441,9 +445,15 @@ def _winding_amplitude(balance: Balance, bench: Bench, size: Array, order: int) 
     v, w = bench.value, balance.windows
     speed, current = _ripple_readings(balance)
     voltage = w.noise("motor_voltage_noise") ** 2 / (2.0 * w.samples)
-    return np.asarray(
-        voltage + v("motor_resistance") ** 2 * current + v("motor_constant") ** 2 * speed + VOLTAGE_FLOOR
-    )
+    voltage = voltage / _ripple_shown(bench, "motor_voltage", w) ** 2 + v("motor_constant") ** 2 * speed
+    voltage = voltage * _ripple_shown(bench, "motor_current", w) ** 2
+    return np.asarray(voltage + v("motor_resistance") ** 2 * current + VOLTAGE_FLOOR)
+
+
+def _ripple_shown(bench: Bench, reading: Held, windows: Windows) -> Any:
+    """Return the size of a reading at the order of the motor's ripple, over the true one."""
+    own = Instruments.of(bench.values(), {})
+    return np.abs(own.held(reading, own.ripple_order, windows.mean_spin))
 
 
 def _ripple_readings(balance: Balance) -> tuple[Array, Array]:
