@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gyrowheel_analysis.balance.balance import ActiveEffect, Balance
-from gyrowheel_analysis.fitting.fit import Term
+from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, kind_of
+from gyrowheel_analysis.diagnosis.selection import rank
+from gyrowheel_analysis.diagnosis.unknown import family
+from gyrowheel_analysis.fitting.fit import Point, Term
 from gyrowheel_analysis.fitting.preparation import prepare
+from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.segmentation import planned_windows
 from gyrowheel_control.plans.plan import Plan
@@ -39,6 +44,22 @@ def test_the_torque_of_a_voltage_is_that_of_coil_and_law() -> None:
         left = values["coil_constant"] * answer - size * answer**3 - torque
         # the law acts across the spin axis, the coils in the case: a part of the square of the tilt
         assert np.abs(left).max() < 0.005 * size * np.abs(answer).max() ** 3
+
+
+def test_a_gain_by_the_sign_of_the_voltage_has_a_form() -> None:
+    """An amplifier that gives 2 % more for one sign adds the amount of each voltage; once no form described it."""
+    law = typed_effect("gain: rotor_torque = a*(abs(re(V_coil)) + i*abs(im(V_coil))); a = 4e-4 [N*m/V]")
+    plain = Problem.of([Balance(planned_windows(Plan.load("check"), BENCH), BENCH)], BENCH)
+    (balance,) = plain.balances
+    rows = plain.predict(Point((Term("gain", law),), np.zeros(plain.count), {"gain": law.defaults()}))
+    problem = replace(plain, prediction=plain.prediction.with_measured([balance.with_measured(rows)]))
+    null = problem.fit(())
+    pool = [t for t in family(problem, (*forms(), *further_forms())) if t.name.startswith("coil_")]
+    fits = {t.name: problem.fit((t,), null) for _, t in rank(problem, null, pool)[:4]}
+    best = min(fits, key=lambda name: fits[name].chi2)
+    assert kind_of(best) == "coil_even"
+    assert fits[best].chi2 < 0.01 * null.chi2
+    assert fits[best].coefficients[best]["a"] == pytest.approx(4e-4, rel=0.02)
 
 
 @pytest.mark.slow

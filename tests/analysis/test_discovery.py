@@ -333,6 +333,7 @@ BENT = {
         0.2,
     ),
     "coil_cube": ("torque = -s*(re(V_coil)^3 + i*im(V_coil)^3); s = 2e-5 [N*m/V^3]", {"a": -2e-5}, 0.04),
+    "coil_even": ("torque = a*(abs(re(V_coil)) + i*abs(im(V_coil))); a = 4e-4 [N*m/V]", {"a": 4e-4}, 0.04),
     "fixed_by_motor": (
         "torque = a*(T_motor - T_ref)*exp(i*0.7); a = 5e-5 [N*m/K]",
         {"a": 5e-5 * math.cos(0.7), "b": 5e-5 * math.sin(0.7)},

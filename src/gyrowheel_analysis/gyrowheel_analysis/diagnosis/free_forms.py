@@ -6,9 +6,10 @@ of coils, motor and tilt sensors that depend on the speed or on the square of a 
 depends on the speed, torques in proportion to a temperature or to the motor's current, torques on the spin that depend
 on the direction of the tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or
 brakes the spin. `further_forms` has gains and tilt readings that depend on a temperature, the current or the tilt,
-torques of the coils with any multiple of the direction of their voltage, torques that grow with the time, and others
-that depend on the tilt rate. Where laws with a memory are candidates, torques, stiffnesses and gains of coils may lag
-behind the tilt, the speed or the temperature of the coils, and the motion of the tilt may pull a torque along.
+torques of the coils with any multiple of the direction of their voltage or with its amount by axis, torques that grow
+with the time, and others that depend on the tilt rate. Where laws with a memory are candidates, torques, stiffnesses
+and gains of coils may lag behind the tilt, the speed or the temperature of the coils, and the motion of the tilt may
+pull a torque along.
 """
 
 from __future__ import annotations
@@ -364,6 +365,14 @@ def further_forms() -> tuple[Term, ...]:
         name, sized = f"coil_lobes_{order}".replace("-", "m"), "cube" if abs(order) == 3 else "square"
         power = _exponent("q", 0, "speed")
         result.append(_form(name, text, "rotor_torque", law * _r**_q, power, sized=sized))
+    each = [f(V_coil) for f in (sp.re, sp.im)]
+    for width in (0.03, 0.3):
+        # what follows the amount of a voltage is blurred by its ripple
+        bends = _scale("w", "V", "voltage within which it turns", width, (1.0e-3, 2.0))
+        even = [sp.sqrt(v**2 + _w**2) - _w for v in each]
+        text = "torque of each coil pair with the amount of its voltage, the same for either sign"
+        law = even[0] + sp.I * even[1]
+        result.append(_form(f"coil_even_{width:g}", text, "rotor_torque", law, bends, sized="per_volt"))
     for name, text, target, shape, q in (
         (
             "fixed_by_time",
