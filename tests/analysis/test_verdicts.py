@@ -71,7 +71,7 @@ def consistent(found: Diagnosis) -> None:
         effect = registry().get(finding.name)
         assert finding.delta_chi2 >= threshold(Term(finding.name, effect), 1.0) > 0.0
         for tie in finding.ties:
-            assert tie.name in registry() or tie.name in ERRORS
+            assert all(name in registry() or name in ERRORS for name in tie.names)
         if effect is None:
             continue
         for c in effect.coefficients:

@@ -69,7 +69,7 @@ class Finding(Protocol):
 
     @property
     def ties(self) -> Any:
-        """Alternatives, each with its ``name`` and ``separating_plan``."""
+        """Alternatives, each with its ``names`` and ``separating_plan``."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,12 @@ def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
 
 def imitated(diagnosis: Diagnosis) -> dict[str, str | None]:
     """Return the effects that are alternatives of a named instrument, each with the test that separates them."""
-    return {tie.name: tie.separating_plan for found in diagnosis.instruments for tie in found.ties}
+    return {
+        name: tie.separating_plan
+        for found in diagnosis.instruments
+        for tie in found.ties
+        for name in tie.names
+    }
 
 
 def judge_names(
@@ -135,10 +140,12 @@ def judge_names(
         if finding.name in left:
             left.discard(finding.name)
             continue
-        ties = sorted((t for t in finding.ties if t.name in left), key=lambda t: t.separating_plan is None)
+        ties = sorted(
+            (t for t in finding.ties if left.issuperset(t.names)), key=lambda t: t.separating_plan is None
+        )
         if not ties:
             return "misnamed", []
-        left.discard(ties[0].name)
+        left.difference_update(ties[0].names)
         tests.append(ties[0].separating_plan)
     left &= {*truth}
     tests += [imitated[name] for name in sorted(left) if name in imitated]

@@ -268,7 +268,7 @@ def _parameters(case: Case, secret: Secret, answer: Diagnosis) -> list[Interval]
             if law.target in truth and law.target in INSTRUMENT_PARAMETERS:
                 (symbol,) = law.expression.free_symbols
                 truth[law.target] += values[symbol.name]
-    named = {*answer.ties, *(tie.name for ties in answer.ties.values() for tie in ties)}
+    named = {*answer.ties, *(name for ties in answer.ties.values() for tie in ties for name in tie.names)}
     changed = {law.target for name in named if name in known for law in known[name].laws}
     return [
         Interval(name, n.value, n.standard_error, truth[name])
@@ -281,14 +281,14 @@ def _alternatives(answer: Diagnosis) -> dict[str, list[str]]:
     """Return the named instruments with their ties; an instrument may be named once for each of its parameters."""
     result: dict[str, list[str]] = {}
     for finding in answer.instruments:
-        result.setdefault(finding.name, []).extend(tie.name for tie in finding.ties)
+        result.setdefault(finding.name, []).extend(name for tie in finding.ties for name in tie.names)
     return result
 
 
 def _instruments(secret: Secret, answer: Diagnosis) -> list[InstrumentJudged]:
     named = {f.name for f in answer.instruments}
     every = [*(f.ties for f in answer.effects), *(f.ties for f in answer.instruments)]
-    tied = {tie.name for ties in every for tie in ties}
+    tied = {name for ties in every for tie in ties for name in tie.names}
     return [
         InstrumentJudged(
             name, secret.sizes[name], "named" if name in named else "tied" if name in tied else "missed"

@@ -374,7 +374,10 @@ def _missing(session: Session) -> dict[str, Any]:
             "findings": [
                 item | {"page": item["name"] in model.details.library} for item in shown["findings"]
             ],
-            "ties": {finding.name: [tie.name for tie in finding.ties] for finding in found.effects},
+            "ties": {
+                finding.name: list(dict.fromkeys(name for tie in finding.ties for name in tie.names))
+                for finding in found.effects
+            },
             "formulas": [f"{form.name}: {form.formula}" for form in found.free_form],
             "simple": [f"{form.name}: {form.simple}" for form in found.free_form],
             "tests": session.tests(),

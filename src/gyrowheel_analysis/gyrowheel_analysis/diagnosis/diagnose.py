@@ -315,10 +315,10 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     data = window_residuals(problem.balances, windows, alone, problem.noise)
     ties = []
     for tie in finding.ties:
-        known = tie.term.name in problem.unknowns.known
-        name = tie.term.effect.title if tie.term.effect else ""
-        own = _tie(planner, best, tie, tie.term.name, title=name)
-        ties.append(replace(own, in_model=known, unusual=bool(unusual(tie.fit, tie.term))))
+        known = tie.beside is None and tie.term.name in problem.unknowns.known
+        title = " + ".join(t.effect.title if t.effect else t.name for t in tie.terms)
+        own = _tie(planner, best, tie, " + ".join(t.name for t in tie.terms), title)
+        ties.append(replace(own, in_model=known, unusual=any(unusual(tie.fit, t) for t in tie.terms)))
     return EffectFinding(
         name=term.name,
         effect_title=term.effect.title if term.effect else "",
@@ -374,7 +374,8 @@ def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
 
 def _tie(planner: Planner, best: Fit, tie: Tie, name: str, title: str = "") -> TieReport:
     """Return a term that explains the recordings as well, and the plan that separates the two; none if none does."""
-    found = planner.best(best, tie.fit)
+    # of two terms together, more data show that one does not suffice
+    found = planner.best(best, tie.fit) if tie.beside is None else planner.best(tie.fit, best)
     if found is None or found.expected < USEFUL_SEPARATION:
         return TieReport(name, title, tie.delta_chi2, None, None, None)
     return TieReport(name, title, tie.delta_chi2, found.plan, found.expected, found.minutes)

@@ -12,16 +12,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TieReport:
-    """A term that explains the recordings equally well, and the test that would separate the two.
+    """A term, or two together, that explain the recordings equally well, and the test that would separate them.
 
     Attributes
     ----------
     name : str
-        The term: an effect, the error of a bench parameter (see `fitting.fit.ERRORS`), or a free form.
+        The term: an effect, the error of a bench parameter (see `fitting.fit.ERRORS`), or a free form. Two together are
+        joined by `` + ``.
     effect_title : str
-        Title of the effect; empty for the error of a bench parameter and for a form.
+        Title of the effect, of two both; the name of the error of a bench parameter; empty for a form.
     delta_chi2 : float
-        Excess of its chi-squared; of a form that of twice the log likelihood.
+        Excess of its chi-squared; of a form that of twice the log likelihood. That of two together is negative, by
+        about the price of a further term.
     separating_plan : str or None
         None where no shipped plan separates the two.
     expected_separation, minutes : float or None
@@ -43,6 +45,11 @@ class TieReport:
     in_model: bool = False
     unusual: bool = False
     form: FreeForm | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The term, or the two."""
+        return tuple(self.name.split(" + "))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from gyrowheel_analysis.criteria import (
     CROSS_VALIDATION_PARTS,
     ERROR_LIMIT,
     ERROR_TIE_LIMIT,
+    RIVAL_LOSS,
     TIE_LOSS,
 )
 from gyrowheel_analysis.diagnosis.limits import is_possible
@@ -30,6 +31,7 @@ _MOST_TERMS = 4  # without instruments
 _MOST_INSTRUMENTS = 5
 _MOST_SEARCHES = 6  # after which terms that fail are only removed
 _SHORTLIST = 5
+_PAIRED = 3  # terms that are tried in a pair, and others next to each
 #: Part of the gain of another term below which the linear gain of one without shapes rules it out without a fit.
 _FAR_LESS = 0.5
 _EXACT = 10  # foremost candidates whose gain is computed at the fit
@@ -39,11 +41,17 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tie:
-    """A term that explains the rows nearly as well as the chosen one."""
+    """A term that explains the rows nearly as well as the chosen one; or, with the one `beside` it, as likely."""
 
     term: Term
     delta_chi2: float
     fit: Fit = field(repr=False)
+    beside: Term | None = None
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The term, or both."""
+        return (self.term,) if self.beside is None else (self.term, self.beside)
 
 
 @dataclass(frozen=True)
@@ -51,8 +59,8 @@ class Finding:
     """A term that is missing in the model by the evidence of the recording.
 
     `delta_chi2` is the increase of chi-squared without it, everything else fitted again (`without`); `ties` are terms
-    that explain the rows equally well, `rivals` the next best. `outdone` is whether an effect with a memory, which was
-    no candidate, explains them better.
+    that explain the rows equally well, then pairs of terms, `rivals` the next best. `outdone` is whether an effect with
+    a memory, which was no candidate, explains them better.
     """
 
     term: Term
@@ -76,7 +84,9 @@ class Selection:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """The selected terms with their ties and rivals, each of which takes a fit."""
-        return tuple(_finding(self.problem, self.best, term, self.pool) for term in self.best.terms)
+        return tuple(
+            _finding(self.problem, self.best, term, self.pool, self.inflation) for term in self.best.terms
+        )
 
 
 def threshold(term: Term, inflation: float) -> float:
@@ -134,7 +144,7 @@ def select(problem: Problem, start: Fit | None = None, *, progress: Progress | N
 
 
 def unsupported(
-    problem: Problem, fit: Fit, inflation: float, among: Sequence[Term] | None = None
+    problem: Problem, fit: Fit, inflation: float, among: Collection[Term] | None = None
 ) -> Term | None:
     """Return the most dispensable or an impossible one of the terms of a fit; None if each is needed.
 
@@ -298,7 +308,7 @@ def _eliminated(problem: Problem, fit: Fit, inflation: float) -> Fit:
     return fit
 
 
-def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Finding:
+def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term], inflation: float) -> Finding:
     rest = tuple(t for t in fit.terms if t != term)
     without = problem.fit(rest, fit)
     others = rank(problem, without, [t for t in pool if t not in fit.terms])
@@ -324,7 +334,38 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> Fi
     )
     rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE_LOSS)[:2]
     outdone = any(tie.delta_chi2 < 0.0 and tie.term in memory for tie in tried)
+    able = [tie for tie in tried if tie.term not in memory]
+    ties += tuple(_pairs(problem, fit, without, able, pool, inflation))
     return Finding(term, without.chi2 - fit.chi2, ties, rivals, without, outdone)
+
+
+def _pairs(
+    problem: Problem, fit: Fit, without: Fit, alone: Sequence[Tie], pool: Sequence[Term], inflation: float
+) -> list[Tie]:
+    """Return the pairs that explain the rows as well as a term, given the price of a further one, likeliest first.
+
+    `alone` are the terms tried in its place, likeliest first: one of a pair explains a part by itself. Both must be
+    needed.
+    """
+    gain = without.chi2 - fit.chi2
+    found: dict[frozenset[Term], Tie] = {}
+    for one in [own for own in alone if own.delta_chi2 < RIVAL_LOSS * gain][:_PAIRED]:
+        others = [t for t in pool if t not in fit.terms and t != one.term]
+        for least, other in rank(problem, one.fit, others)[:_PAIRED]:
+            pair = frozenset({one.term, other})
+            most = TIE_LOSS - threshold(other, inflation)
+            # next to one of them the linear gain of the other is near the true one
+            if one.delta_chi2 - least > most + TIE_LOSS + 0.1 * gain or pair in found:
+                continue
+            trial = problem.fit((*without.terms, one.term, other), one.fit)
+            if abs(trial.chi2 - fit.chi2 - most) < 2.0 * TIE_LOSS:
+                trial = problem.refined(trial)
+            loss = trial.chi2 - fit.chi2
+            if loss < most and not (
+                implausible(problem, trial, ERROR_TIE_LIMIT) or unsupported(problem, trial, inflation, pair)
+            ):
+                found[pair] = Tie(one.term, loss, trial, other)
+    return sorted(found.values(), key=lambda tie: tie.delta_chi2)
 
 
 def groups(problem: Problem) -> dict[str, list[NDArray[np.bool_]]]:

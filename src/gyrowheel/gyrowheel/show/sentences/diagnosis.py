@@ -367,6 +367,8 @@ def tie_sentence(tie: TieReport) -> str:
     # a form may turn out likelier than the one that was proposed by its first fit
     worse = f"only {tie.delta_chi2:.1f}" if tie.form is None or tie.delta_chi2 > 0.05 else "no"
     text = f"could also be {what}: χ² is {worse} worse"
+    if len(tie.names) > 1:
+        text = f"could also be both {what}: χ² is {-tie.delta_chi2:.1f} better, about what one more term must bring"
     if tie.separating_plan is not None:
         gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
         return f"{text}. Plan {tie.separating_plan} separates them{gain}."
