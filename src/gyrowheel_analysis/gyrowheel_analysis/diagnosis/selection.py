@@ -267,6 +267,13 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     # next to an instrument that is not as stated, another one shows otherwise than in the derivatives that are known
     known = not any(map(is_instrument, current.terms))
     near = dict.fromkeys(term for _, term in result[:_EXACT])
+    # with everything as stated, the error of a parameter that the fit moved far looks like that parameter itself
+    far = {
+        group
+        for (group, _), pull in zip(problem.unknowns.nuisances, current.nuisance, strict=True)
+        if abs(pull) > 0.5 * ERROR_LIMIT
+    }
+    near |= dict.fromkeys(t for _, t in result if t.effect is None and far.intersection(ERRORS[t.name]))
     if not known:
         near |= dict.fromkeys(term for _, term in result if is_instrument(term))
     gains = {term: gain for gain, term in result}
