@@ -270,8 +270,8 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
     # with everything as stated, the error of a parameter that the fit moved far looks like that parameter itself
     far = {
         group
-        for (group, _), pull in zip(problem.unknowns.nuisances, current.nuisance, strict=True)
-        if abs(pull) > 0.5 * ERROR_LIMIT
+        for k, (group, _) in enumerate(problem.unknowns.nuisances)
+        if abs(current.nuisance[k]) > 0.5 * ERROR_LIMIT
     }
     near |= dict.fromkeys(t for _, t in result if t.effect is None and far.intersection(ERRORS[t.name]))
     if not known:
