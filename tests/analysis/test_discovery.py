@@ -16,7 +16,6 @@ from gyrowheel.show.sentences.residuals import region_name
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.compare import compare
 from gyrowheel_analysis.criteria import SETTLING_SEPARATION
-from gyrowheel_analysis.diagnosis import selection
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.events import explain
 from gyrowheel_analysis.diagnosis.free_forms import kind_of
@@ -582,24 +581,3 @@ def test_two_effects_that_work_against_each_other_are_not_replaced_by_a_formula_
     selection = select(problem)
     assert {term.name for term in selection.best.terms} == {"coil_tilt", "tilt_nonlinearity"}
     assert search(problem, selection) is None
-
-
-@pytest.mark.slow
-def test_the_error_of_a_parameter_that_the_fit_moved_far_is_ranked_at_the_fit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As stated, its derivative is nearly that of the parameter itself: the gain there is several times too small."""
-    machine, stated = hidden_machine(5, {}), BENCH.parameters["motor_constant"]
-    values = {**machine.values, "motor_constant": 1.4 * stated.value}
-    recording = record(tmp_path, "run", replace(machine, values=values), "quick")
-    vague = {**BENCH.parameters, "motor_constant": replace(stated, uncertainty=0.04 * stated.value)}
-    model = replace(Model.new(), stated_bench=replace(BENCH, parameters=vague))
-    monkeypatch.setattr(selection, "_EXACT", 0)  # as where many others gain more as stated
-    with one_thread():
-        problem = prepare([recording], model).problem
-        plain = problem.fit(())
-        ranked = selection.rank(problem, plain, problem.unknowns.candidates())
-        (wrong,) = (term for _, term in ranked if term.name == "motor_constant_error")
-        gain = plain.chi2 - problem.fit((wrong,)).chi2
-    assert ranked[0][1] == wrong
-    assert ranked[0][0] > 0.7 * gain

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from types import FunctionType, ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -47,7 +47,7 @@ if _ignored:  # it would look again whenever it compiles
 
 #: Attribute of a module without a file that contains its source.
 SOURCE = "__kernel_source__"
-#: How long a process waits for another one that compiles the same code, before it compiles the code itself [s].
+#: How long a process waits for another one that compiles the same code [s]; after that it compiles all code itself.
 _LONGEST_WAIT = 120.0
 
 
@@ -127,8 +127,9 @@ def _call_laws(_: Any, address: Any, coef: Any, active: Any, state: Any, q: Any,
                 target.make_array(kinds[name])(target, builder, values[name]).data
                 if isinstance(kinds[name], types.Array)
                 else stored(numbers(name))
-                for name in ("coef", "active", "state", "q", "sums")
+                for name in ("coef", "active", "state", "q")
             ]
+            pointers.append(stored(before))
             kind = target.get_function_pointer_type(types.ExternalFunctionPointer(_LAWS, int))
             target.call_function_pointer(builder, builder.inttoptr(values["address"], kind), pointers)
             sums_after = [cgutils.gep(builder, pointers[-1], index) for index in range(len(before))]
@@ -190,6 +191,7 @@ class _Entries:
     """
 
     turn: contextlib.ExitStack
+    wait: ClassVar[float] = _LONGEST_WAIT
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self._of = (
@@ -207,13 +209,15 @@ class _Entries:
         return f"code_{cache.digest(*self._of, repr(key))}"
 
     def load(self, key: Any) -> Any:
-        """Return the entry of a key, after waiting for another process that compiles it; None if there is none."""
+        """Return the entry of a key, if need be once another process has compiled it; None if it must be compiled."""
         name, place = self._name(key), cache.folder()
         found = self._read(name)
         if found is None and place is not None:
-            with contextlib.suppress(InputError):  # a folder without space, or a process that stands still
-                self.turn.enter_context(changing(place / name, wait=_LONGEST_WAIT))
+            try:
+                self.turn.enter_context(changing(place / name, wait=self.wait))
                 found = self._read(name)
+            except InputError:  # a disk that is full, or a process that stands still
+                _Entries.wait = 0.0
         return found
 
     def _read(self, name: str) -> Any:

@@ -315,7 +315,7 @@ def _report(fitted: Prepared, finding: Finding, best: Fit, planner: Planner) -> 
     data = window_residuals(problem.balances, windows, alone, problem.noise)
     ties = []
     for tie in finding.ties:
-        known = tie.beside is None and tie.term.name in problem.unknowns.known
+        known = tie.partner is None and tie.term.name in problem.unknowns.known
         title = " + ".join(t.effect.title if t.effect else t.name for t in tie.terms)
         own = _tie(planner, best, tie, " + ".join(t.name for t in tie.terms), title)
         ties.append(replace(own, in_model=known, unusual=any(unusual(tie.fit, t) for t in tie.terms)))
@@ -375,7 +375,7 @@ def estimates(problem: Problem, term: Term, fit: Fit) -> dict[str, Estimate]:
 def _tie(planner: Planner, best: Fit, tie: Tie, name: str, title: str = "") -> TieReport:
     """Return a term that explains the recordings as well, and the plan that separates the two; none if none does."""
     # of two terms together, more data show that one does not suffice
-    found = planner.best(best, tie.fit) if tie.beside is None else planner.best(tie.fit, best)
+    found = planner.best(best, tie.fit) if tie.partner is None else planner.best(tie.fit, best)
     if found is None or found.expected < USEFUL_SEPARATION:
         return TieReport(name, title, tie.delta_chi2, None, None, None)
     return TieReport(name, title, tie.delta_chi2, found.plan, found.expected, found.minutes)

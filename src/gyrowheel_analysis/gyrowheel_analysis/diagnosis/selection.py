@@ -41,17 +41,17 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Tie:
-    """A term that explains the rows nearly as well as the chosen one; or, with the one `beside` it, as likely."""
+    """A term that explains the rows nearly as well as the chosen one, or together with a `partner` as likely."""
 
     term: Term
     delta_chi2: float
     fit: Fit = field(repr=False)
-    beside: Term | None = None
+    partner: Term | None = None
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """The term, or both."""
-        return (self.term,) if self.beside is None else (self.term, self.beside)
+        return (self.term,) if self.partner is None else (self.term, self.partner)
 
 
 @dataclass(frozen=True)
