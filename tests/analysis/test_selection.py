@@ -1,4 +1,4 @@
-"""Selection of terms: how candidates are ranked, and pairs that explain recordings as well as the term that was found."""
+"""Selection of terms: the ranking of candidates, and pairs that explain recordings as well as the term found."""
 
 from __future__ import annotations
 
