@@ -54,8 +54,8 @@ def test_pair_is_said_as_such() -> None:
     tie = TieReport("tilt_delay + windage", "late tilt + drag", -18.6, None, None, None)
     assert tie.names == ("tilt_delay", "windage")
     assert tie_sentence(tie).startswith(
-        "could also be both late tilt + drag (tilt_delay + windage): χ² is 18.6 better, about what one more term must "
-        "bring. No test"
+        "could also be both tilt_delay and windage (late tilt + drag): χ² is 18.6 better, about what one more term "
+        "must bring. No test"
     )
 
 

@@ -244,10 +244,9 @@ def _formulas(form: FreeForm) -> str:
 def _ties(found: Diagnosis) -> str:
     if not found.effects and not found.instruments:
         return _nothing(found, also=True)
-    choices = [_either([named(f), *(named(tie) for tie in f.ties)]) for f in found.effects]
+    choices = [_either(named(f), f.ties) for f in found.effects]
     choices += [
-        _either([f"{f.title} ({f.name})", *(named(tie) for tie in f.ties)])
-        for f in {f.name: f for f in found.instruments}.values()
+        _either(f"{f.title} ({f.name})", f.ties) for f in {f.name: f for f in found.instruments}.values()
     ]
     begin = "Missing" if found.effects else "Not as stated"
     doubt = " This is not proven." if unproven(found) else ""
@@ -368,7 +367,8 @@ def tie_sentence(tie: TieReport) -> str:
     worse = f"only {tie.delta_chi2:.1f}" if tie.form is None or tie.delta_chi2 > 0.05 else "no"
     text = f"could also be {what}: χ² is {worse} worse"
     if len(tie.names) > 1:
-        text = f"could also be both {what}: χ² is {-tie.delta_chi2:.1f} better, about what one more term must bring"
+        better = f"χ² is {-tie.delta_chi2:.1f} better, about what one more term must bring"
+        text = f"could also be {_both(tie)} ({tie.effect_title}): {better}"
     if tie.separating_plan is not None:
         gain = "" if tie.expected_separation is None else f", expected Δχ² {tie.expected_separation:.0f}"
         return f"{text}. Plan {tie.separating_plan} separates them{gain}."
@@ -382,5 +382,15 @@ def purpose(test: NextTest) -> str:
     return f"would show {with_article(str(test.reveals))} of usual size, which these recordings do not"
 
 
-def _either(names: list[str]) -> str:
+def _both(tie: TieReport) -> str:
+    """Return two effects that explain the recordings together."""
+    return f"both {listed(list(tie.names), 'and')}"
+
+
+def _either(name: str, ties: Sequence[TieReport]) -> str:
+    """Return what was found or its alternatives: every single one, and the likeliest pair."""
+    pairs = [tie for tie in ties if len(tie.names) > 1]
+    names = [name, *(named(tie) for tie in ties if tie not in pairs), *map(_both, pairs[:1])]
+    if len(pairs) > 1:
+        names.append("another pair" if len(pairs) == 2 else f"one of {len(pairs) - 1} other pairs")
     return f"{'either ' if len(names) > 1 else ''}{listed(names, 'or')}"
