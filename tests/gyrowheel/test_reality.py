@@ -144,9 +144,12 @@ def test_a_wrong_instrument_is_named_tied_or_missed() -> None:
         assert [item.found for item in case.instruments] == [expected]
         assert case.right
         assert not case.instruments_wrong
-    other = judged(LATE, instruments=[Named("encoder_zero")])
-    assert other.instruments_wrong == ["encoder_zero"]
-    assert not other.right
+    # of an alternative of two, both must be hidden
+    for ties in ([], [tie("coil_voltage_delay + tilt_delay")]):
+        other = judged(LATE, instruments=[Named("encoder_zero", ties)])
+        assert other.instruments_wrong == ["encoder_zero"]
+        assert [item.found for item in other.instruments] == ["missed"]
+        assert not other.right
 
 
 def test_an_effect_named_for_an_instrument_is_a_false_alarm_unless_tied() -> None:

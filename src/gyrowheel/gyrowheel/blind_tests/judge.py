@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -98,7 +98,7 @@ def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
     tests: list[str | None] = []
     outcome: Outcome = "unknown"
     if diagnosis.verdict != "unknown":
-        outcome, tests = judge_names(diagnosis.effects, truth, imitated=imitated(diagnosis))
+        outcome, tests = judge_names(diagnosis.effects, truth, imitated=imitated(diagnosis, truth))
     if outcome == "missed" and diagnosis.verdict == "nothing_missing" and _below_limits(diagnosis, truth):
         outcome = "below_limit"
     words = f"{'Right' if outcome in RIGHT else 'WRONG'}: {OUTCOMES[outcome]}"
@@ -109,12 +109,16 @@ def judge(diagnosis: Diagnosis, truth: EffectValues) -> Judgement:
     return Judgement(outcome, f"{words}.")
 
 
-def imitated(diagnosis: Diagnosis) -> dict[str, str | None]:
-    """Return the effects that are alternatives of a named instrument, each with the test that separates them."""
+def imitated(diagnosis: Diagnosis, hidden: Collection[str]) -> dict[str, str | None]:
+    """Return what is an alternative of a named instrument, each with the test that separates them.
+
+    Two together are an alternative only if both are `hidden`.
+    """
     return {
         name: tie.separating_plan
         for found in diagnosis.instruments
         for tie in found.ties
+        if len(tie.names) == 1 or {*hidden}.issuperset(tie.names)
         for name in tie.names
     }
 

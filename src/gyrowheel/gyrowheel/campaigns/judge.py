@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
@@ -10,6 +11,7 @@ from gyrowheel.blind_tests.judge import Outcome, imitated, judge_names
 from gyrowheel.campaigns.cases import Case
 from gyrowheel.campaigns.hidden import Secret
 from gyrowheel_analysis.diagnosis.estimates import INTERVAL_95, Estimate
+from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_analysis.diagnosis.result import Diagnosis
 from gyrowheel_sim.effects import registry
 from gyrowheel_sim.effects.targets import INSTRUMENT_PARAMETERS
@@ -245,11 +247,11 @@ def judge(case: Case, secret: Secret, answer: Diagnosis) -> Judged:
         formula=answer.free_form[0].formula if answer.free_form else "",
         seconds=answer.seconds,
         instruments=_instruments(secret, answer),
-        instruments_named=list(_alternatives(answer)),
+        instruments_named=list(dict.fromkeys(finding.name for finding in answer.instruments)),
         instruments_wrong=[
             name
-            for name, alternatives in _alternatives(answer).items()
-            if not {name, *alternatives} & {*secret.instruments, *secret.truth}
+            for name, alternatives in _alternatives(secret, answer).items()
+            if not alternatives & _hidden(secret)
         ],
         event=_event(secret, answer),
     )
@@ -277,18 +279,28 @@ def _parameters(case: Case, secret: Secret, answer: Diagnosis) -> list[Interval]
     ]
 
 
-def _alternatives(answer: Diagnosis) -> dict[str, list[str]]:
-    """Return the named instruments with their ties; an instrument may be named once for each of its parameters."""
-    result: dict[str, list[str]] = {}
+def _hidden(secret: Secret) -> set[str]:
+    """Return the names of the hidden effects and of the instruments that are not as stated."""
+    return {*secret.instruments, *secret.truth}
+
+
+def _right(secret: Secret, ties: Iterable[TieReport]) -> set[str]:
+    """Return the alternatives that are hidden; of two together both must be."""
+    return {name for tie in ties if _hidden(secret).issuperset(tie.names) for name in tie.names}
+
+
+def _alternatives(secret: Secret, answer: Diagnosis) -> dict[str, set[str]]:
+    """Return the named instruments, each with itself and its right alternatives; it may be named several times."""
+    result: dict[str, set[str]] = {}
     for finding in answer.instruments:
-        result.setdefault(finding.name, []).extend(name for tie in finding.ties for name in tie.names)
+        result.setdefault(finding.name, {finding.name}).update(_right(secret, finding.ties))
     return result
 
 
 def _instruments(secret: Secret, answer: Diagnosis) -> list[InstrumentJudged]:
     named = {f.name for f in answer.instruments}
     every = [*(f.ties for f in answer.effects), *(f.ties for f in answer.instruments)]
-    tied = {name for ties in every for tie in ties for name in tie.names}
+    tied = _right(secret, [tie for ties in every for tie in ties])
     return [
         InstrumentJudged(
             name, secret.sizes[name], "named" if name in named else "tied" if name in tied else "missed"
@@ -356,7 +368,7 @@ def _outcome(case: Case, secret: Secret, answer: Diagnosis) -> Outcome:
         return "exact" if event is not None and event.dated else "missed"
     if sorted(named) == sorted(truth):
         return "exact"
-    alternatives = imitated(answer)
+    alternatives = imitated(answer, _hidden(secret))
     if not named and not secret.instruments and not alternatives.keys() & secret.truth.keys():
         return "missed"
     if case.kind == "outside":
