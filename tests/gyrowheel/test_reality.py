@@ -17,6 +17,7 @@ from gyrowheel.campaigns.page import campaign_page
 from gyrowheel.campaigns.reality import HiddenEvent, events
 from gyrowheel.campaigns.summary import Summary
 from gyrowheel.show.layout import plain_text
+from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import registry
@@ -145,7 +146,8 @@ def test_a_wrong_instrument_is_named_tied_or_missed() -> None:
         assert case.right
         assert not case.instruments_wrong
     # of an alternative of two, both must be hidden
-    for ties in ([], [tie("coil_voltage_delay + tilt_delay")]):
+    pair = TieReport("coil_voltage_delay + tilt_delay", "", -19.0, None, None, None)
+    for ties in ([], [pair]):
         other = judged(LATE, instruments=[Named("encoder_zero", ties)])
         assert other.instruments_wrong == ["encoder_zero"]
         assert [item.found for item in other.instruments] == ["missed"]
