@@ -136,17 +136,24 @@ class Instruments:
         once = once_x * np.cos(_TURN) + once_y * np.sin(_TURN)
         return np.asarray(_TURN + once + twice_x * np.cos(2.0 * _TURN) + twice_y * np.sin(2.0 * _TURN))
 
-    def _by_reading(self, values: Any, reading: Array, order: int) -> Any:
+    @cached_property
+    def _slope(self) -> Any:
+        """The derivative of the reading `_encoder` by the angle."""
+        assert self._encoder is not None
+        error = np.fft.rfft(self._encoder - _TURN)
+        return 1.0 + np.fft.irfft(1j * np.arange(len(error)) * error, len(_TURN))
+
+    def _by_reading(self, values: Any, order: int) -> Any:
         """Return the amplitude of exp(i order reading) of values (..., angles) at the angles of `_TURN`."""
-        error = np.fft.rfft(reading - _TURN)
-        slope = 1.0 + np.fft.irfft(1j * np.arange(len(error)) * error, len(_TURN))
-        return values @ (np.exp(-1j * order * (reading + self.values["encoder_zero"])) * slope) / len(_TURN)
+        assert self._encoder is not None
+        wave = np.exp(-1j * order * (self._encoder + self.values["encoder_zero"])) * self._slope
+        return values @ wave / len(_TURN)
 
     def encoder(self, order: int) -> complex:
         """Return the amplitude of exp(i order reading) in the error of the angle reading, without its zero [rad]."""
         if (reading := self._encoder) is None:
             return 0.0j
-        return complex(self._by_reading(reading - _TURN, reading, order))
+        return complex(self._by_reading(reading - _TURN, order))
 
     @cached_property
     def mixing(self) -> NDArray[np.complex128] | None:
@@ -154,10 +161,10 @@ class Instruments:
 
         Both angles have the zero error of the encoder. None where the encoder has no other error.
         """
-        if (reading := self._encoder) is None:
+        if self._encoder is None:
             return None
         waves = np.exp(1j * np.outer(HARMONICS, _TURN + self.values["encoder_zero"]))
-        return np.array([self._by_reading(waves, reading, to) for to in HARMONICS])
+        return np.array([self._by_reading(waves, to) for to in HARMONICS])
 
     def true_motion(self, windows: Windows) -> Windows:
         """Return windows in which tilt and spin rate are the true ones, harmonics by the true angle."""

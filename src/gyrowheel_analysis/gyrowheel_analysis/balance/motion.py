@@ -17,6 +17,7 @@ from gyrowheel_analysis.reduction.windows import HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.quantities import REFERENCES
+from gyrowheel_sim.instruments import held_factor
 
 Array = NDArray[np.float64]
 
@@ -139,6 +140,7 @@ class Motion:
         #: The last true motions, and responses of the instruments: most steps of a fit change neither.
         self._undone: OrderedDict[tuple[float, ...], Motion] = OrderedDict()
         self._shown: dict[tuple[Held, float], Any] = {}
+        self._held: dict[int, Any] = {}
         self._read_motion(w)
         share = np.repeat(WEIGHTS[:, None] / (2.0 * phases), phases, axis=1)
         self.weights = np.broadcast_to(share, self.shape)
@@ -228,6 +230,13 @@ class Motion:
         if (reading, order) not in self._shown:
             self._shown[reading, order] = self.instruments.held(reading, order, self._windows.mean_spin)
         return self._shown[reading, order]
+
+    def held_factor(self, order: int) -> Any:
+        """Return the factor (n,) from the amplitude of a sampled voltage at an order to that of the held voltage."""
+        if order not in self._held:
+            turn = self._windows.mean_spin * self._bench.sample_period
+            self._held[order] = held_factor(order, turn)
+        return self._held[order]
 
     def current_read_by(self, instruments: Instruments) -> Motion:
         """Return the motion with the current by other instruments; tilt and spin rate stay."""

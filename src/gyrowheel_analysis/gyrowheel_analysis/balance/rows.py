@@ -15,7 +15,6 @@ from gyrowheel_analysis.channels import Channel, Quantity
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.targets import added, changed
-from gyrowheel_sim.instruments import held_factor
 
 Array = NDArray[np.float64]
 
@@ -147,10 +146,10 @@ class _Predicted:
         if mixing is None:
             return _components(self.coil_amplitude(channel.order))
         # the readings are mixed, before they stand for the voltages that act between two of them
-        turn = self.windows.mean_spin * self.instruments.period
+        held = self.motion.held_factor
         parts = zip(mixing[HARMONICS.index(channel.order)], HARMONICS, strict=True)
-        read = sum(part * self.coil_amplitude(order) / held_factor(order, turn) for part, order in parts)
-        return _components(read * held_factor(channel.order, turn))
+        read = sum(part * self.coil_amplitude(order) / held(order) for part, order in parts)
+        return _components(read * held(channel.order))
 
     def coil_amplitude(self, order: int) -> Any:
         """Return the amplitude of the coils' torque, as their voltages are read, at an order of the true angle."""
@@ -217,19 +216,21 @@ class _Predicted:
         current = volts * (own / values["motor_resistance"]) + own * self.ripple_of("motor_current")
         return _components(current * self.motion.shown("motor_current", self.order))
 
-    def encoder_angle(self, channel: Channel) -> list[Array]:
-        """Return the angle's reading less its steady growth: the ripple of the speed, and the encoder's error."""
-        order = channel.order
+    @cached_property
+    def turned(self) -> Any:
+        """Amplitudes (n, harmonics) of the angle less its steady growth [rad], by a reading with a wrong zero alone."""
         turn = self.windows.mean_spin[:, None] * self.motion.orders
         ripple = self.at.ripple @ (0.5 * WEIGHTS) / turn
         # The torque is integrated twice as if its amplitude were constant; in a cone it turns with the tilt.
         ripple = ripple - 2.0 * (self.at.ripple @ ACROSS) / (turn**2 * self.windows.duration[:, None])
         # the reading delays the ripple as it delays the angle itself: only its zero changes the phase
-        ripple = ripple * np.exp(-self.motion.orders * self.instruments.values["encoder_zero"])
-        mixing = self.instruments.mixing
-        place = HARMONICS.index(order)
-        own = ripple[:, place] if mixing is None else ripple @ mixing[place]
-        return _components(own + self.instruments.encoder(order))
+        return ripple * np.exp(-self.motion.orders * self.instruments.values["encoder_zero"])
+
+    def encoder_angle(self, channel: Channel) -> list[Array]:
+        """Return the angle's reading less its steady growth: the ripple of the speed, and the encoder's error."""
+        mixing, place = self.instruments.mixing, HARMONICS.index(channel.order)
+        own = self.turned[:, place] if mixing is None else self.turned @ mixing[place]
+        return _components(own + self.instruments.encoder(channel.order))
 
 
 _MEASURED: dict[Quantity, Callable[[Windows, Bench, Channel], list[Array]]] = {
