@@ -427,16 +427,16 @@ def _next_test(
     if verdict in ("nothing_missing", "insufficient_data", "effect"):
         # the unseen effect that a test would show most clearly at its usual size
         # to integrate a state along every plan takes longer than all the rest
-        hidden = [limit for limit in limits if not limit.visible and limit.effect not in remembering()]
+        unseen = dict.fromkeys(limit.effect for limit in limits if not limit.visible)
         best: tuple[Separation, str] | None = None
-        for limit in hidden:
-            shown = planner.revealing(limit.effect)
+        for effect in (name for name in unseen if name not in remembering()):
+            shown = planner.revealing(effect)
             if (
                 shown
                 and shown.expected >= SETTLING_SEPARATION
                 and (best is None or shown.expected / shown.minutes > best[0].expected / best[0].minutes)
             ):
-                best = (shown, limit.effect)
+                best = (shown, effect)
         if best is not None:
             return NextTest(best[0].plan, best[0].expected, best[0].minutes, reveals=best[1])
     return None

@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,6 +172,44 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
     return Problem.predicted_by(prediction), minutes
 
 
+class _Rival:
+    """A fit to the present recordings of `problem`, and what of it serves for every truth.
+
+    `designs` has the whitened derivatives by its unknowns in plans.
+    """
+
+    def __init__(self, problem: Problem, fit: Fit) -> None:
+        self.fit = fit
+        self.designs: dict[str, Array] = {}
+        self._problem = problem
+        self._seen: tuple[Fit, tuple[Array, Array, float]] | None = None
+
+    @cached_property
+    def _known(self) -> tuple[Array, Array, Array, Array]:
+        """The rows and the pull of the priors, and the derivatives by the unknowns as Q and R."""
+        problem, fit = self._problem, self.fit
+        inverse, _ = problem.unknowns.prior(fit.terms)
+        values = np.concatenate([fit.nuisance, [fit.coefficients[t][n] for t, n in fit.columns]])
+        pull = inverse * (values - problem.unknowns.centre(fit.terms))
+        design = np.vstack([problem.noise.whiten(problem.jacobian(fit)), np.diag(inverse)])
+        basis, triangle = np.linalg.qr(design)
+        return problem.predict(fit), pull, basis, triangle
+
+    def present(self, truth: Fit) -> tuple[Array, Array, float]:
+        """Return the difference to a truth by the present recordings and the priors, common to all plans.
+
+        The derivatives by the unknowns (unknowns, unknowns) and the difference (unknowns,), both in the space that the
+        former span, and the square of the difference outside of it.
+        """
+        if self._seen is None or self._seen[0] is not truth:
+            at, pull, basis, triangle = self._known
+            noise = self._problem.noise
+            signal = np.concatenate([noise.whiten(self._problem.predict(truth) - at), -pull])
+            along = basis.T @ signal
+            self._seen = truth, (triangle, along, float(signal @ signal - along @ along))
+        return self._seen[1]
+
+
 class Planner:
     """Predicts the results of plans in addition to the present recordings of `problem`, which `fit` describes."""
 
@@ -178,7 +217,7 @@ class Planner:
         self._problem = problem
         self._fit = fit
         self._planned: dict[str, tuple[Problem, float] | None] = {}
-        self._seen: tuple[Fit, Fit, Array, Array, float] | None = None
+        self._last: _Rival | None = None  # many effects are asked for next to the same fit
 
     def separation(self, truth: Fit, rival: Fit, plan: str) -> Separation | None:
         """Return the expected excess of `rival` over `truth` with a plan in addition to the present recordings.
@@ -193,36 +232,21 @@ class Planner:
         if (found := self._planned[plan]) is None:
             return None
         other, minutes = found
-        present, along, beside = self._present(truth, rival)
+        if self._last is None or self._last.fit is not rival:
+            self._last = _Rival(self._problem, rival)
+        present, along, beside = self._last.present(truth)
         at = other.predict(rival)
         signal = np.concatenate([along, other.noise.whiten(other.predict(truth) - at)])
-        design = np.vstack([present, other.noise.whiten(other.jacobian(rival))])
+        designs = self._last.designs
+        if plan not in designs:
+            designs[plan] = other.noise.whiten(other.jacobian(rival))
+        design = np.vstack([present, designs[plan]])
         size = np.linalg.norm(design, axis=0)
         size[size == 0.0] = 1.0
         solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)
         left = signal - (design / size) @ solution
         expected = beside + float(left @ left) - float(truth.nuisance @ truth.nuisance)
         return Separation(plan, max(expected, 0.0), minutes)
-
-    def _present(self, truth: Fit, rival: Fit) -> tuple[Array, Array, float]:
-        """Return the difference of two fits by the present recordings and the priors, common to all plans.
-
-        The derivatives by the unknowns of `rival` (unknowns, unknowns) and the difference (unknowns,), both in the
-        space that the former span, and the square of the difference outside of it.
-        """
-        if self._seen is not None and self._seen[0] is truth and self._seen[1] is rival:
-            return self._seen[2:]
-        problem = self._problem
-        inverse, _ = problem.unknowns.prior(rival.terms)
-        values = np.concatenate([rival.nuisance, [rival.coefficients[t][n] for t, n in rival.columns]])
-        pull = inverse * (values - problem.unknowns.centre(rival.terms))
-        at = problem.predict(rival)
-        signal = np.concatenate([problem.noise.whiten(problem.predict(truth) - at), -pull])
-        design = np.vstack([problem.noise.whiten(problem.jacobian(rival)), np.diag(inverse)])
-        basis, triangle = np.linalg.qr(design)
-        along = basis.T @ signal
-        self._seen = truth, rival, triangle, along, float(signal @ signal - along @ along)
-        return self._seen[2:]
 
     def revealing(self, name: str) -> Separation | None:
         """Return the plan that would show a registered effect of a middle usual size best per minute."""
