@@ -16,7 +16,6 @@ from gyrowheel.workbench import pictures, residual, windows
 from gyrowheel.workbench.coefficients import Estimates
 from gyrowheel.workbench.library import ROLES, Envelope, Library, Opened, envelopes
 from gyrowheel.workbench.session import Session, Step
-from gyrowheel.workbench.torque_map import torque_maps
 from gyrowheel_analysis.reduction.windows import HARMONICS
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_sim.bench import Bench
@@ -290,9 +289,9 @@ def test_states_of_the_rotor_are_means_of_the_samples(compared: Session) -> None
 
 def test_the_map_of_the_missing_torque_has_its_standard_deviation() -> None:
     session = Session(Library([]), gw.Model())
-    assert torque_maps(session) == []
+    assert pictures.torque_maps(session) == []
     session.steps = [replace(session.step, diagnosis=Diagnosis.of(replace(UNKNOWN, map=MAP)))]
-    rotor, shaft = torque_maps(session)
+    rotor, shaft = pictures.torque_maps(session)
     assert (rotor["target"], rotor["unit"], shaft["title"]) == ("rotor_torque", "mN·m", "torque on the shaft")
     tilt = np.array(rotor["x"]) + 1j * np.array(rotor["y"])
     assert np.abs(tilt).max() <= np.degrees(MAP.effect.within.tilt)
