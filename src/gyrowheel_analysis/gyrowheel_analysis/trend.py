@@ -334,7 +334,7 @@ def _usual(series: Series) -> _Usual:
         return float(np.median(square / expected(variance))) > _MEDIAN_SQUARE
 
     low, high = 0.0, float(np.ptp(value)) ** 2 / _MEDIAN_SQUARE if more(0.0) else 0.0
-    for _ in range(40):  # to 1e-12 of the range
+    for _ in range(40 if high else 0):  # to 1e-12 of the range
         middle = 0.5 * (low + high)
         low, high = (middle, high) if more(middle) else (low, middle)
     variance = error**2 + high
