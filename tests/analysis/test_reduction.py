@@ -131,6 +131,7 @@ def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
     """Commands that come late push the tilt at any time: its change from end to end is right, or the window goes."""
     rng = np.random.default_rng(7)
     time, noise = samples.time, BENCH.value("tilt_noise")
+    momentum = BENCH.precession_inertia * samples.readings.spin_rate
     off = []
     for _ in range(6):
         motion = np.zeros(len(time), dtype=complex)
@@ -142,6 +143,12 @@ def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
         readings = samples.readings.copy()
         readings["tilt_x"][:] = motion.real + noise * rng.standard_normal(len(time))
         readings["tilt_y"][:] = motion.imag + noise * rng.standard_normal(len(time))
+        # the coils hold the torque that the motion to the next sample takes
+        rate = np.diff(motion, prepend=motion[0]) / BENCH.sample_period
+        torque = BENCH.value("flexure_stiffness_x") * motion - 1j * momentum * rate
+        for axis, part in (("x", torque.real), ("y", torque.imag)):
+            dither = BENCH.value("coil_voltage_noise") * rng.standard_normal(len(time))
+            readings[f"coil_voltage_{axis}"][:] = part / BENCH.value("coil_constant") + dither
         found = reduce(replace(samples, readings=readings), BENCH)
         moved = found.tilt @ RISE[: found.tilt.shape[1]]
         begin, end = (np.interp(found.start + part * found.duration, time, motion) for part in (0, 1))

@@ -22,6 +22,7 @@ from gyrowheel_analysis.reduction.window_fit import (
     SHORTEST,
     acceleration_variance,
     fit_window,
+    planned_rate_variance,
 )
 from gyrowheel_analysis.reduction.windows import (
     DEGREE,
@@ -173,9 +174,8 @@ def planned_windows(plan: Plan, bench: Bench) -> Windows:
                     "air_pressure": noise("air_pressure") * s.environment.air_density_ratio,
                     "motor_temperatures": np.full(2, noise("air_temperature")),
                     **attitude(s.environment),
-                    # variance at the ends of a polynomial of this degree: see `fit_window`
-                    "tilt_rate_variance": (
-                        2.0 * (DEGREE + 1) ** 2 / samples * (noise("tilt_noise") / duration) ** 2
+                    "tilt_rate_variance": planned_rate_variance(
+                        duration, samples, s.spin + slope * middle, bench
                     ),
                     "spin_acceleration_variance": acceleration_variance(
                         duration,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -120,6 +121,7 @@ SHORTEST = 0.16  # s, of a window
 FEWEST_REVOLUTIONS = 4  # of a window; with fewer, harmonics and slow motion are hard to separate
 #: Fraction of the samples of a window that must be present.
 FEWEST_SAMPLES = 0.7
+_SAMPLES_OF_TURN = 32  # of a planned window: its noise hardly depends on them
 _FURTHER = 4  # terms of the polynomials that show whether a motion has settled
 #: Samples at each end of a window whose mean residual shows that a motion ended or began there.
 _EDGE_SAMPLES = (4, 8, 16)
@@ -132,9 +134,15 @@ for _term in range(DEGREE):
     _TO_POWERS[: _term + 1, _term] = np.polynomial.legendre.leg2poly(np.eye(DEGREE)[_term])[: _term + 1]
 
 
-#: Nodes of an integral over a window, and their weights times sin(pi x).
+#: The modulating function of the tilt rate, by powers of x. Zero at the ends of a window, it gives any motion that is a
+#: cubic in time the mean of a constant weight; of these functions its slope is the least, and with it the noise.
+_BUMP = np.array([0.625, 0.0, 3.75, 0.0, -4.375])
+_BUMP_SLOPE = np.polynomial.polynomial.polyder(_BUMP)
+_BUMP_EXCESS = np.polynomial.polynomial.polysub(_BUMP, [1.0])
+
+#: Nodes of a mean over a window, and their weights.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-_WEIGHTS = _WEIGHTS * np.sin(math.pi * _NODES)
+_WEIGHTS = 0.5 * _WEIGHTS
 
 
 def fit_window(
@@ -209,7 +217,6 @@ def fit_window(
         noise[READING_NOISES.index(name)]
         for name in ("tilt_noise", "spin_angle_noise", "motor_current_noise", "motor_voltage_noise")
     )
-    tilt, change_variance = fit[_TILT, :degree], float(RISE @ gram[:degree, :degree] @ RISE)
     tail = _more(series[:, degree : degree + _FURTHER], design, gram, left[:, _TILT]) / (2.0 * tilt_noise**2)
     angle_tail = _more(series[:, smooth : smooth + _FURTHER], turning, turning_gram, angle_left[:, 0])
     # the coils turn the rotor, and the motor the shaft, some samples before either has moved
@@ -225,8 +232,7 @@ def fit_window(
         or begins
     )
     if not unsettled and tail > FURTHER_TERMS:
-        tilt, change_variance, beyond = _with_tail(x, waves, readings[:, _TILT], degree)
-        unsettled = beyond > 2.0 * TOO_FEW_TERMS * tilt_noise**2
+        unsettled = _beyond(x, waves, readings[:, _TILT]) > 2.0 * TOO_FEW_TERMS * tilt_noise**2
     spin = np.asarray(np.polynomial.legendre.legder(turned[0, :smooth]), dtype=np.float64) * 2.0 / duration
     spin_left, spin_noise = angle_left[:, 0], "spin_angle_noise"
     if of_speed := data.summed and "spin_rate" not in data.absent:
@@ -249,18 +255,24 @@ def fit_window(
     spin_variance = acceleration_variance(
         duration, len(time), angle_deviation, per_unit * _deviation(drive_noise, wave, noise, factors)
     )
+    means = readings.mean(axis=0)
+    speed = float(means[_SPIN].real)
+    rows = _tilt_rate(x, design, gram, duration, hold / duration, bench, speed)
+    rate = rows[0] @ readings[:, _TILT] + rows[1] @ readings[:, _COIL]
+    tilt = fit[_TILT, :degree].copy()
+    tilt[1] += 0.5 * (rate * duration - tilt @ RISE)
+    rate_variance = sum(
+        float(np.sum(np.abs(row) ** 2)) * _deviation(name, row, noise, factors) ** 2
+        for row, name in zip(rows, ("tilt_noise", "coil_voltage_noise"), strict=True)
+    )
     if any(part.max() > 1.0 for part in factors.values()):
-        # a burst at an end of the window has more weight in a change from end to end than in the mean
-        change_variance *= _weighed(RISE @ gram[:degree] @ design.T, factors["tilt_noise"])
         noise = noise * np.sqrt([factors[name].mean() for name in READING_NOISES])
     slow = without_spikes(np.column_stack([own[name] for name in SLOW]))
     coil = slow[:, SLOW.index("coil_temperature")]
     warming = float(x @ coil - x.sum() * coil.mean()) / float(x @ x - x.sum() * x.mean())
     last = [e for e in data.environment if e.time <= begin + 1e-6]
     surroundings = last[-1] if last else Environment()
-    means = readings.mean(axis=0)
     temperatures = dict(zip(SLOW, slow.mean(axis=0), strict=True))
-    speed = float(means[_SPIN].real)
     forward = [HARMONICS.index(order) for order in FORWARD]
     mean = MEAN[:MODULATION]
     held = held_factor(np.array(FORWARD), speed * hold)
@@ -303,7 +315,7 @@ def fit_window(
         "current_ripple": current_ripple,
         "voltage_ripple": voltage_ripple * held_factor(bench.value("motor_ripple_order"), speed * hold),
         **attitude(surroundings),
-        "tilt_rate_variance": change_variance * (tilt_noise / duration) ** 2,
+        "tilt_rate_variance": rate_variance,
         "spin_acceleration_variance": spin_variance,
         "reading_noise": noise,
     }
@@ -329,29 +341,86 @@ def _outlier_factors(left: Any, turned: Array, noise: Array) -> dict[str, Array]
     }
 
 
-def _weighed(row: Array, factor: Array) -> float:
+def _weighed(row: Any, factor: Array) -> float:
     """Return by what a combination `row` (n,) of samples is noisier whose noise is raised by a `factor` (n,)."""
-    return float(row**2 @ factor) / float(row @ row)
+    square = np.abs(row) ** 2
+    return float(square @ factor) / float(square.sum())
 
 
-def _with_tail(x: Array, waves: Array, tilt: Any, degree: int) -> tuple[Any, float, float]:
-    """Return the polynomial of a tilt that still moves, the variance of its change, and the rest that is not followed.
-
-    The variance is for noise of unit variance, the rest as `_more` returns it. `_FURTHER` more terms follow the motion.
-    Those of high order go into the last ones that are kept: the mean and the change from end to end are preserved.
-    """
-    legendre = np.polynomial.legendre.legvander(x, degree + _FURTHER - 1)
-    design = np.hstack([legendre, waves])
+def _beyond(x: Array, waves: Array, tilt: Any) -> float:
+    """Return what `_FURTHER` more terms in the polynomial of a tilt do not follow, as `_more` returns it."""
+    legendre = np.polynomial.legendre.legvander(x, DEGREE + 2 * _FURTHER)
+    design, further = np.hstack([legendre[:, :-_FURTHER], waves]), legendre[:, -_FURTHER:]
     gram = np.linalg.inv(design.T @ design)
-    fit = gram @ (design.T @ tilt)
-    further = np.polynomial.legendre.legvander(x, legendre.shape[1] + _FURTHER - 1)[:, legendre.shape[1] :]
-    left = _more(further, design, gram, tilt - design @ fit)
-    series = fit[: legendre.shape[1]]
-    rise = 2.0 * (np.arange(len(series)) % 2)
-    variance = float(rise @ gram[: len(series), : len(series)] @ rise)
-    for term in (degree - 2, degree - 1):
-        series[term] += series[term + 2 :: 2].sum()
-    return np.polynomial.legendre.leg2poly(series[:degree]), variance, left
+    return _more(further, design, gram, tilt - design @ (gram @ (design.T @ tilt)))
+
+
+def _tilt_rate(
+    x: Array, design: Array, gram: Array, duration: float, late: float, bench: Bench, spin: float
+) -> tuple[Any, Any]:
+    """Return the weights (n,) of the readings of tilt and coil voltages in the mean tilt rate of a window [rad/s].
+
+    A polynomial does not follow how the tilt loops answer the noise of its readings, least of all at the ends of the
+    window. Weighted by `_BUMP`, the mean rate follows from the tilt inside it (a modulating function: Shinbrot, NACA TN
+    3288, 1954). The torques of coils and flexures cause what the plain mean differs by; of other torques the row of the
+    window has the weighted mean, which equals the plain one for what is a cubic in time.
+
+    Parameters
+    ----------
+    x : ndarray (n,)
+        Times of the samples, -1 .. 1 in the window.
+    design : ndarray (n, terms)
+        Powers of x and waves that describe the readings; the waves are left out of both means.
+    gram : ndarray (terms, terms)
+        Inverse of the products of its columns.
+    duration : float
+        Length of the window [s].
+    late : float
+        By what the time of a voltage is late, in x.
+    bench : Bench
+        The bench.
+    spin : float
+        Mean spin rate [rad/s].
+    """
+    per_torque = 1j / (bench.precession_inertia * spin)
+    slope, excess = (_bump_mean(of, x, design, gram) for of in (_BUMP_SLOPE, _BUMP_EXCESS))
+    tilt = per_torque * tilting(bench)[1] * excess - 2.0 / duration * slope
+    return tilt, -per_torque * bench.value("coil_constant") * _bump_mean(_BUMP_EXCESS, x, design, gram, late)
+
+
+def _bump_mean(weight: Array, x: Array, design: Array, gram: Array, late: float = 0.0) -> Array:
+    """Return the weights (n,) of readings in their mean times a polynomial `weight`, without waves (`_tilt_rate`)."""
+    polyval = np.polynomial.polynomial.polyval
+    exact = np.zeros(design.shape[1])
+    powers = np.vander(_NODES + late, DEGREE + 1, increasing=True)
+    exact[: DEGREE + 1] = (_WEIGHTS * polyval(_NODES, weight)) @ powers
+    direct = polyval(x - late, weight) / len(x)
+    return np.asarray(direct + design @ (gram @ (exact - design.T @ direct)))
+
+
+@cache
+def _bump_noise(turns: int) -> tuple[float, float]:
+    """Return the mean squares of the weights of slope and excess (`_bump_mean`) in a window of some revolutions."""
+    x = np.linspace(-1.0, 1.0, 2 * _SAMPLES_OF_TURN * turns + 1)[1::2]
+    powers = np.vander(x, DEGREE + 1, increasing=True)
+    design = np.hstack([powers, _waves(math.pi * turns * x, powers[:, :MODULATION])])
+    gram = np.linalg.inv(design.T @ design)
+    rows = (_bump_mean(of, x, design, gram) for of in (_BUMP_SLOPE, _BUMP_EXCESS))
+    slope, excess = (float(row @ row) * len(x) for row in rows)
+    return slope, excess
+
+
+def planned_rate_variance(duration: float, samples: float, spin: float, bench: Bench) -> float:
+    """Return the variance of the mean tilt rate of a window of a plan, one axis [rad²/s²] (`_tilt_rate`).
+
+    `duration` [s] and `samples` are those of the window, `spin` is its spin rate [rad/s].
+    """
+    slope, excess = _bump_noise(max(round(duration * spin / (2.0 * math.pi)), FEWEST_REVOLUTIONS))
+    drive = (
+        bench.value("coil_constant") * bench.value("coil_voltage_noise") / (bench.precession_inertia * spin)
+    )
+    tilt = 2.0 / duration * bench.value("tilt_noise")
+    return (slope * tilt**2 + excess * drive**2) / samples
 
 
 def _of_speed(speed: Array, legendre: Any, waves: Array) -> tuple[Array, Array]:
@@ -400,7 +469,8 @@ def _acceleration(
     """
     turn = 2.0 * math.pi / duration
     wave = np.cos(math.pi * x)
-    weighted = 0.5 * turn * float(_WEIGHTS @ np.polynomial.legendre.legval(_NODES, series))
+    slope = np.sin(math.pi * _NODES) * np.polynomial.legendre.legval(_NODES, series)
+    weighted = turn * float(_WEIGHTS @ slope)
     if of_speed:
         weighted += turn * float(np.mean(np.sin(math.pi * x) * left))
     else:
@@ -474,11 +544,18 @@ def _wave_variance(gram: Array, mean: Array) -> Array:
     )
 
 
+def tilting(bench: Bench) -> tuple[float, float]:
+    """Return what resists a tilt, the mean of both axes: the moment of inertia [kg m²] and the stiffness [N m/rad]."""
+    v = bench.value
+    return (
+        v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x"),
+        0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")),
+    )
+
+
 def resistances(bench: Bench, spin_rate: Any) -> list[Any]:
     """Return the torque of a tilt over the tilt [N m/rad] at each of the orders `FORWARD` of a spin rate [rad/s]."""
-    v = bench.value
-    inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
-    stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
+    inertia, stiffness = tilting(bench)
     return [
         stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin_rate**2
         for order in FORWARD
