@@ -178,7 +178,9 @@ def _lags(found: Explanation) -> bool:
     alike = [
         t for t in found.problem.memory_terms if t.effect is not None and names & set(t.effect.look_alikes)
     ]
-    return any(gain > ACCEPTED_GAIN_FURTHER for gain, _ in rank(found.problem, found.best, alike))
+    rough = rank(found.problem.roughly(), found.best, alike)
+    able = [term for gain, term in rough if gain > MEMORY_ROUGH * ACCEPTED_GAIN_FURTHER]
+    return any(gain > ACCEPTED_GAIN_FURTHER for gain, _ in rank(found.problem, found.best, able))
 
 
 def _leaves_something(found: Explanation) -> bool:

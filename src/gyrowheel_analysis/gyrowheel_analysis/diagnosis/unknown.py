@@ -40,8 +40,9 @@ from gyrowheel_sim.effects.registry import for_bench
 
 Array = NDArray[np.float64]
 
-#: Linear gain in chi-squared from which a form is fitted.
-_PROMISING = 6.0
+#: Linear gain in chi-squared from which a form is fitted: the family has the exponents and edges between which a fit
+#: would move them, so that a third of what is needed shows at one of them.
+_PROMISING = FORM_GAIN / 3.0
 #: Part of the missing gain that exponents and edges may add to the linear gain.
 _BY_SHAPE = 0.5
 #: Square of a drift's scale from which on the drift may conceal a missing effect.
