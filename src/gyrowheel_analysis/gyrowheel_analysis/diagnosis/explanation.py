@@ -26,7 +26,15 @@ from gyrowheel_analysis.diagnosis.events import Outcome, as_continued, explain
 from gyrowheel_analysis.diagnosis.free_forms import memory_forms
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
-from gyrowheel_analysis.diagnosis.selection import Progress, Selection, expected_chi2, rank, select, threshold
+from gyrowheel_analysis.diagnosis.selection import (
+    Progress,
+    Selection,
+    expected_chi2,
+    foremost,
+    rank,
+    select,
+    threshold,
+)
 from gyrowheel_analysis.diagnosis.unknown import Proposal, family, fits_with_one, search, settled
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
@@ -43,9 +51,9 @@ class Explanation:
     """The explanation of recordings: effects, an optional free form, and events.
 
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
-    `weighed_by` is the fit whose machine the noise is of, None for that of the bench as stated. `rejected` are terms
-    that were found and make the prediction of unused data worse. `laws` are functions of the motion
-    that look like events, and that nothing found describes. `ended` is whether `SearchEnded` ended the search early.
+    `rejected` are terms that were found and make the prediction of unused data worse. `laws` are functions of the
+    motion that look like events, and that nothing found describes. `ended` is whether `SearchEnded` ended the search
+    early.
     """
 
     fitted: Prepared
@@ -53,7 +61,6 @@ class Explanation:
     selection: Selection
     proposal: Proposal | None
     happened: list[Found]
-    weighed_by: Fit | None = None
     rejected: tuple[str, ...] = ()
     laws: tuple[MotionLaw, ...] = ()
     ended: bool = False
@@ -62,8 +69,8 @@ class Explanation:
         """Return the explanation with recordings for validation, which have the same noise."""
         if validation is None:
             return self
-        if self.weighed_by is not None:
-            validation = replace(validation, problem=validation.problem.reweighed(self.weighed_by))
+        if self.weighed.weighed_by is not None:
+            validation = validation.reweighed(self.weighed.weighed_by)
         weighed = replace(self.weighed, validation=validation)
         plain = as_continued(validation, self.problem, self.best, self.happened)
         return replace(self, fitted=replace(self.fitted, validation=plain), weighed=weighed)
@@ -94,8 +101,10 @@ def unexplained(first: Prepared) -> Explanation:
 def explained(first: Prepared, recordings: Sequence[Recording], progress: Progress | None) -> Explanation:
     """Return the explanation of prepared recordings, with the noise that it leaves.
 
+    Where the term that is missing most changes the noise or the rows, the selection begins on the machine with it.
     `SearchEnded` ends the search with the explanation found so far, once the first effects are selected.
     """
+    first = first.reweighed(foremost(first.problem))
     selection = select(first.problem, progress=progress)
     found = [Explanation(first, first, selection, None, [])]
     try:
@@ -267,9 +276,8 @@ def _explained(
     leaves nothing and has no events: a form must beat it, and no events are sought.
     """
     own = replace(first, problem=problem)
-    weighed, weighed_by = own.reweighed(selection.best), None
+    weighed = own.reweighed(selection.best)
     if weighed is not own:
-        weighed_by = selection.best
         selection = select(weighed.problem, selection.best, progress=progress)
     if below is None:
         outcome = explain(weighed.problem, selection, recordings, progress, among)
@@ -282,4 +290,4 @@ def _explained(
         proposal = settled(fitted.problem, proposal)
     weighed = replace(weighed, problem=weighed.problem.with_scales(fitted.problem.noise.scales))
     laws = () if proposal is not None else outcome.laws
-    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, weighed_by, laws=laws)
+    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, laws=laws)

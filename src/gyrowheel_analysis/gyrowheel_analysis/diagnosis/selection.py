@@ -162,27 +162,38 @@ def unsupported(
     return weakest
 
 
+def foremost(problem: Problem) -> Fit:
+    """Return the fit with the one term that is missing most; without terms if none reaches the threshold."""
+    null, dof = problem.fit(()), max(expected_chi2(problem), 1.0)
+    return _with_one_more(problem, null, problem.unknowns.candidates(), dof) or null
+
+
 def _extended(problem: Problem, current: Fit, pool: Sequence[Term], dof: float, say: Progress) -> Fit:
     """Add terms until no further one reaches the threshold."""
     while able := _further(current, pool):
-        tried: list[tuple[Fit, Term]] = []
-        for gain, term in rank(problem, current, able)[:_SHORTLIST]:
-            most = current.chi2 - min((fit.chi2 for fit, _ in tried), default=current.chi2)
-            shaped = len(term.coefficients) > len(term.amplitudes)
-            if gain > 0.4 * threshold(term, 1.0) and (shaped or gain > _FAR_LESS * most):
-                fit = problem.fit((*current.terms, term), current)
-                if implausible(problem, fit) is None:
-                    tried.append((fit, term))
-        if not tried:
+        fit = _with_one_more(problem, current, able, dof)
+        if fit is None:
             break
-        fit, term = min(tried, key=lambda pair: pair[0].chi2 + threshold(pair[1], 0.0))
-        # the noise is judged with the term: the part that it explains is not noise
-        inflation = fit.chi2_rows / dof
-        if current.chi2 - fit.chi2 < threshold(term, inflation):
-            break
-        say(f"{term.name}: gains {current.chi2 - fit.chi2:.0f} in chi-squared")
-        current = _eliminated(problem, _swapped(problem, fit, pool), inflation)
+        say(f"{fit.terms[-1].name}: gains {current.chi2 - fit.chi2:.0f} in chi-squared")
+        current = _eliminated(problem, _swapped(problem, fit, pool), fit.chi2_rows / dof)
     return current
+
+
+def _with_one_more(problem: Problem, current: Fit, able: Sequence[Term], dof: float) -> Fit | None:
+    """Return the best fit with one more of some terms; None if none of them reaches the threshold."""
+    tried: list[tuple[Fit, Term]] = []
+    for gain, term in rank(problem, current, able)[:_SHORTLIST]:
+        most = current.chi2 - min((fit.chi2 for fit, _ in tried), default=current.chi2)
+        shaped = len(term.coefficients) > len(term.amplitudes)
+        if gain > 0.4 * threshold(term, 1.0) and (shaped or gain > _FAR_LESS * most):
+            fit = problem.fit((*current.terms, term), current)
+            if implausible(problem, fit) is None:
+                tried.append((fit, term))
+    if not tried:
+        return None
+    fit, term = min(tried, key=lambda pair: pair[0].chi2 + threshold(pair[1], 0.0))
+    # the noise is judged with the term: the part that it explains is not noise
+    return None if current.chi2 - fit.chi2 < threshold(term, fit.chi2_rows / dof) else fit
 
 
 def _further(current: Fit, pool: Sequence[Term]) -> list[Term]:

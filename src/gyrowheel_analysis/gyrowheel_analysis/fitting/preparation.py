@@ -79,6 +79,7 @@ class Prepared:
 
     `problem` has the magnitudes of the drifts estimated from the recordings; `names` are these in order, `windows` is
     the number of their windows, `coverage` their use, and `shown` the instruments of each as its samples show them.
+    `weighed_by` is the fit whose machine noise and rows are of, None for those of the bench as stated.
     `validation` has recordings that take no part in fit and drift estimate; None if none of them has a window.
     """
 
@@ -88,6 +89,7 @@ class Prepared:
     coverage: Coverage
     validation: Prepared | None = None
     shown: list[Shown] = field(default_factory=list)
+    weighed_by: Fit | None = None
 
     def readings(self, bench: Bench) -> ReadingFindings:
         """Return the deviations of the instruments from a bench that the samples of all recordings show."""
@@ -98,7 +100,7 @@ class Prepared:
     def reweighed(self, fit: Fit) -> Prepared:
         """Return the same with the noise of the machine that a fit describes; itself where that hardly differs."""
         problem = self.problem.reweighed(fit)
-        return self if problem is self.problem else replace(self, problem=problem)
+        return self if problem is self.problem else replace(self, problem=problem, weighed_by=fit)
 
 
 def samples_of(recording: Recording, *, incomplete: bool = False) -> Samples:
