@@ -35,6 +35,7 @@ from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.blind import KINDS
 from gyrowheel_sim.effects import physical, registry
+from gyrowheel_sim.effects.registry import for_bench
 from gyrowheel_sim.plant.scenario import Scenario
 
 from .findings import WINDAGE, delay_finding, diagnosis, finding, judged_case, tie
@@ -134,6 +135,17 @@ def test_effects_take_turns_and_are_as_large_as_limits_allow(measure: Yardstick)
                 together = math.hypot(*(values[c.name] for c in physical()[name].amplitudes))
                 assert together <= 1.001 * most, name
     assert sum(s.sizes[next(iter(s.truth))] >= 1.0 for s in secrets) > 0.5 * len(pool)
+
+
+def test_effects_on_another_bench_have_its_sizes():
+    bench = Bench.load("dtg")
+    campaign = Campaign("dtg_check", "dtg_check", seed=5, bench=bench)
+    measure = yardstick(bench, campaign.plan)
+    for k in range(len(physical())):
+        for name, values in hide(case_of("single", campaign, k), measure).truth.items():
+            for c in for_bench(physical()[name], bench).amplitudes if name in physical() else ():
+                most = min(hiding.MOST_OF_USUAL * c.usual[1], c.bounds[1])
+                assert abs(values[c.name]) <= 1.001 * most, (name, c.name)
 
 
 def test_sizes_are_proportional_and_agree_with_detection_limits(measure: Yardstick):

@@ -301,7 +301,7 @@ def hide(case: Case, measure: Yardstick) -> Secret:
         resembles = (form.resembles, form.exponent) if form.resembles else None
     else:
         truth, sizes = _library(case, measure, drift, rng, wrong)
-    alike = _alike(measure, drift, rng, truth) if case.kind == "alike" else {}
+    alike = _alike(case.campaign.bench, measure, drift, rng, truth) if case.kind == "alike" else {}
     for name, coefficients in truth.items():
         for group, parameters in bench.groups().items():
             if group in ERRORS.get(name, ()):
@@ -353,11 +353,13 @@ def _event(
     return event, values
 
 
-def _alike(measure: Yardstick, drift: float, rng: np.random.Generator, truth: EffectValues) -> EffectValues:
+def _alike(
+    bench: Bench, measure: Yardstick, drift: float, rng: np.random.Generator, truth: EffectValues
+) -> EffectValues:
     """Draw a look-alike of the hidden effect, below its detection limit next to it."""
     ((name, values),) = truth.items()
     other = str(rng.choice(measure.alike(name, values, drift)[:_MOST_ALIKE]))
-    effect = physical()[other]
+    effect = for_bench(physical()[other], bench)
     drawn, _ = _scaled(
         effect,
         draw_effect(effect, rng),
@@ -373,7 +375,8 @@ def _library(
 ) -> tuple[EffectValues, dict[str, float]]:
     """Draw effects of the library, or errors of bench parameters, and their sizes."""
     seed = case.campaign.seed
-    known = {**physical(), **remembering()}
+    bench = case.campaign.bench
+    known = {name: for_bench(own, bench) for name, own in {**physical(), **remembering()}.items()}
     chosen: list[str] = []
     if case.kind == "single":
         chosen = [_turn((*physical(), *measure.errors), seed, case.ordinal, "single")]
