@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.channels import LISTED
+from gyrowheel_analysis.channels import CHANNELS, LISTED
 from gyrowheel_analysis.fitting.preparation import prepare, samples_of
 from gyrowheel_analysis.fitting.problem import Problem
+from gyrowheel_analysis.fitting.variance import average_covariance
 from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.hum import Line
 from gyrowheel_analysis.reduction.instrument_readings import Shown
@@ -157,6 +158,22 @@ def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
     assert len(sizes) > 100
     assert np.sqrt(np.mean(sizes**2) / 2.0) == pytest.approx(1.0, abs=0.15)
     assert np.mean(sizes > 4.5) < 0.01
+
+
+def test_loops_that_answer_a_noisy_tilt_reading_add_no_noise_to_the_averages(tmp_path: Path) -> None:
+    noisy = BENCH.with_values({"tilt_noise": 5.0 * BENCH.value("tilt_noise")})
+    values = noisy.values() | {"coil_voltage_drift": 0.0}
+    squares: list[np.ndarray] = []
+    for seed in (1, 2, 3):
+        machine = Scenario(values=values, effects={}, noise_seed=seed)
+        data = samples_of(record(tmp_path, f"run_{seed}", machine, "quick", bench=noisy))
+        problem = Problem.of([Balance(reduce(data, noisy), noisy)], noisy)
+        (balance,) = problem.balances
+        for row in CHANNELS["tilt"].rows:
+            variance = average_covariance(balance, problem.base, CHANNELS["tilt"], row).diagonal
+            squares.append((problem.measured - problem.base)[balance.row(row)] ** 2 / variance)
+    # 264 values of chi-squared: 1.00 +- 0.09; a part of the variance is the accuracy of the balance
+    assert 0.7 < np.mean(squares) < 1.2
 
 
 @pytest.mark.parametrize("absent", ["motor_voltage", "motor_current"])
