@@ -11,6 +11,7 @@ import pytest
 from gyrowheel.show.sentences.diagnosis import tie_sentence
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.diagnosis import selection
+from gyrowheel_analysis.diagnosis.explanation import explained
 from gyrowheel_analysis.diagnosis.findings import TieReport
 from gyrowheel_analysis.diagnosis.selection import Selection
 from gyrowheel_analysis.fitting.fit import Point
@@ -78,3 +79,16 @@ def test_the_error_of_a_parameter_that_the_fit_moved_far_is_ranked_at_the_fit(
         gain = plain.chi2 - problem.fit((wrong,)).chi2
     assert ranked[0][1] == wrong
     assert ranked[0][0] > 0.7 * gain
+
+
+@pytest.mark.slow
+def test_next_to_a_moment_of_inertia_that_is_far_off_no_instrument_is_invented(tmp_path: Path) -> None:
+    """What the noise of a motion needs is another torque on that machine: it must not be taken for that of a filter."""
+    machine = hidden_machine(1, {})
+    values = {**machine.values, "rotor_inertia_z": 0.84 * BENCH.value("rotor_inertia_z")}
+    recording = record(tmp_path, "run", replace(machine, values=values), "quick")
+    with one_thread():
+        found = explained(prepare([recording], Model.new()), [recording], None)
+    assert [term.name for term in found.best.terms] == ["rotor_inertia_error"]
+    assert found.proposal is None
+    assert found.best.coefficients["rotor_inertia_error"]["relative_error"] == pytest.approx(-0.16, abs=0.01)
