@@ -288,7 +288,7 @@ def fit_window(
         "tilt_harmonics": harmonics[_TILT],
         "spin": _shortened(spin, acceleration * duration),
         "current_harmonics": harmonics[_CURRENT],
-        "coil_voltage": complex(means[_COIL] - _leaked(waves, fit[_COIL, degree:])),
+        "coil_voltage": complex(means[_COIL] - _leaked(waves, fit[_COIL, degree:], angle, turns)),
         "motor_voltage": float(means[_MOTOR].real),
         "motor_current": float(means[_CURRENT].real),
         **temperatures,
@@ -512,15 +512,19 @@ def _waves(angle: Array, powers: Array) -> Array:
     return np.hstack([part[:, None] * powers for wave in waves for part in (wave.real, wave.imag)])
 
 
-def _leaked(waves: Array, fit: Any) -> complex:
-    """Return the part of a mean over whole revolutions that comes from the change of harmonics in the window.
+def _leaked(waves: Array, fit: Any, angle: Array, turns: int) -> complex:
+    """Return what harmonics add to a mean by their change in the window, and by what it has beyond whole revolutions.
 
     In a cone the torque twice a revolution turns; what that leaves in the mean has no place in the mean torque that the
-    motion takes. `waves` (n, terms) are those of a window, `fit` (terms,) are their amplitudes.
+    motion takes. `waves` (n, terms) are those of a window at its `angle` (n,), `fit` (terms,) are their amplitudes.
     """
     varying = fit.reshape(-1, MODULATION).copy()
-    varying[:, 0] -= varying @ MEAN[:MODULATION]
-    return complex(waves.mean(axis=0) @ varying.ravel())
+    steady = varying @ MEAN[:MODULATION]
+    varying[:, 0] -= steady
+    step = (angle[-1] - angle[0]) / (len(angle) - 1)
+    beyond = len(angle) - 2.0 * math.pi * turns / step  # samples, up to half of one at the end
+    last = _waves(angle[-1:] + 0.5 * step * (1.0 - beyond), np.ones((1, 1)))[0]
+    return complex(waves.mean(axis=0) @ varying.ravel() + beyond / len(angle) * (last @ steady))
 
 
 def _harmonics(fit: Any) -> NDArray[np.complex128]:
