@@ -41,6 +41,8 @@ from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
 
+_MOST_BEGINNINGS = 3  # machines on which the term that is missing most is sought
+
 
 class SearchEnded(KeyboardInterrupt):
     """Ends a search with what it has: raised by `progress`, or by a handler of a signal."""
@@ -104,7 +106,10 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     Where the term that is missing most changes the noise or the rows, the selection begins on the machine with it.
     `SearchEnded` ends the search with the explanation found so far, once the first effects are selected.
     """
-    first = first.reweighed(foremost(first.problem))
+    for _ in range(_MOST_BEGINNINGS):
+        begun, first = first, first.reweighed(foremost(first.problem))
+        if first is begun:
+            break
     selection = select(first.problem, progress=progress)
     found = [Explanation(first, first, selection, None, [])]
     try:

@@ -25,6 +25,7 @@ from gyrowheel_analysis.criteria import (
     MODEL_ANGLE,
     MODEL_RELATIVE,
     MODEL_RIPPLE,
+    MODEL_TILT,
     VOLTAGE_FLOOR,
 )
 from gyrowheel_analysis.reduction.window_fit import resistances
@@ -379,7 +380,7 @@ def _coil_average(balance: Balance, rows: Array) -> DriftCovariance:
         v("coil_constant") * w.noise("coil_voltage_noise")
     ) ** 2 / w.samples + momentum**2 * w.tilt_rate_variance
     size, level = np.maximum(rows, slew), v("coil_constant") * v("coil_voltage_drift")
-    floor = _absolute(balance) ** 2 + (MODEL_RELATIVE * size) ** 2
+    floor = _absolute(balance) ** 2 + (MODEL_TILT * size) ** 2
     return DriftCovariance(w.middle, white + floor, level, v("drift_time"))
 
 
