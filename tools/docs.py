@@ -110,8 +110,10 @@ _ERROR_SIGNS = {
     "gimbal_inertia_error": "It adds a torque in proportion to the tilt that grows with the square of the speed.",
     "shaft_inertia_error": "It adds a torque that grows with the cube of the tilt and the square of the speed.",
     "rotor_inertia_error": "It shows wherever the rotor is turned: in cones, slews and changes of the speed.",
+    "transverse_inertia_error": "It adds a torque twice a revolution, by the tilt and the square of the speed.",
     "coil_gain_error": "It changes all torques of the coils by one factor.",
     "motor_constant_error": "It changes the torque of the motor and its back-EMF by one factor.",
+    "motor_resistance_error": "It adds a voltage of the motor in proportion to its current.",
 }
 #: Tolerance for the numbers of a picture: libraries round differently.
 _TOLERANCE = 2e-3

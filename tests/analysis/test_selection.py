@@ -82,13 +82,26 @@ def test_the_error_of_a_parameter_that_the_fit_moved_far_is_ranked_at_the_fit(
 
 
 @pytest.mark.slow
-def test_next_to_a_moment_of_inertia_that_is_far_off_no_instrument_is_invented(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "parameters", "factor"),
+    [
+        ("rotor_inertia_error", ("rotor_inertia_z",), 0.84),
+        ("transverse_inertia_error", ("rotor_inertia_x", "rotor_inertia_y"), 1.15),
+        ("motor_resistance_error", ("motor_resistance",), 0.75),
+    ],
+)
+def test_a_bench_parameter_that_is_far_off_is_named_alone(
+    name: str, parameters: tuple[str, ...], factor: float, tmp_path: Path
+) -> None:
     """What the noise of a motion needs is another torque on that machine: it must not be taken for that of a filter."""
     machine = hidden_machine(1, {})
-    values = {**machine.values, "rotor_inertia_z": 0.84 * BENCH.value("rotor_inertia_z")}
+    values = {**machine.values, **{own: factor * BENCH.value(own) for own in parameters}}
     recording = record(tmp_path, "run", replace(machine, values=values), "quick")
     with one_thread():
         found = explained(prepare([recording], Model.new()), [recording], None)
-    assert [term.name for term in found.best.terms] == ["rotor_inertia_error"]
+    assert [term.name for term in found.best.terms] == [name]
     assert found.proposal is None
-    assert found.best.coefficients["rotor_inertia_error"]["relative_error"] == pytest.approx(-0.16, abs=0.01)
+    error = found.best.standard_error(name, "relative_error")
+    value = found.best.coefficients[name]["relative_error"]
+    assert value == pytest.approx(factor - 1.0, abs=3.0 * error)
+    assert error < 0.02

@@ -28,8 +28,10 @@ ERRORS: dict[str, tuple[str, ...]] = {
     "gimbal_inertia_error": ("gimbal_inertia",),
     "shaft_inertia_error": ("shaft_inertia",),
     "rotor_inertia_error": ("rotor_inertia_z",),
+    "transverse_inertia_error": ("rotor_inertia_transverse",),
     "coil_gain_error": ("coil_constant",),
     "motor_constant_error": ("motor_constant",),
+    "motor_resistance_error": ("motor_resistance",),
 }
 
 

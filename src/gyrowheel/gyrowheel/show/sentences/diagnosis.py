@@ -76,8 +76,10 @@ ERROR_TITLES = {
     "gimbal_inertia_error": "gimbal inertia differs from the bench file",
     "shaft_inertia_error": "shaft inertia differs from the bench file",
     "rotor_inertia_error": "rotor spin inertia differs from the bench file",
+    "transverse_inertia_error": "moment of inertia of the rotor across its axis differs from the bench file",
     "coil_gain_error": "coil torque constant differs from the bench file",
     "motor_constant_error": "motor constant differs from the bench file",
+    "motor_resistance_error": "winding resistance of the motor differs from the bench file",
 }
 #: Bench parameters far from their stated values that are named one by one.
 _NAMED = 3
