@@ -215,3 +215,13 @@ def test_work_that_ends_early_warns_of_nothing() -> None:
         warnings.simplefilter("always")
         assert next(results) in range(4)
     assert [str(own.message) for own in warned] == []
+
+
+def test_what_the_data_contradict_is_not_stated_as_missing() -> None:
+    row = dict.fromkeys(api.COLUMNS, "") | {"verdict": "effect", "effects": "windage"}
+    page = str(gw.Batch(tuple(row | {"proof": proof} for proof in ("proven", "", "not proven"))))
+    lines = [line.split() for line in page.splitlines() if "windage" in line]
+    assert [" ".join(line) for line in lines] == [
+        "an effect is missing windage 2",
+        "an effect may be missing, not proven windage 1",
+    ]

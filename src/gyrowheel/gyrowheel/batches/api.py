@@ -35,6 +35,7 @@ COLUMNS = (
     "duration",
     "windows",
     "verdict",
+    "proof",
     "summary",
     "effects",
     "chi2_per_n_before",
@@ -43,7 +44,9 @@ COLUMNS = (
     "seconds",
 )
 ENDINGS = (".parquet", ".csv")
-_TEXTS = ("recording", "key", "version", "machine", "verdict", "summary", "effects", "error")
+_TEXTS = ("recording", "key", "version", "machine", "verdict", "proof", "summary", "effects", "error")
+#: The proof by what it says: none where the recording cannot decide.
+_PROOFS = {True: "proven", False: "not proven", None: None}
 _WRITTEN_EVERY = 2.0  # s; rows of a shorter time are written together
 _METADATA = "metadata.yaml"
 _STORAGES = (".mcap", ".db3")
@@ -240,6 +243,7 @@ def diagnosed(model: Any, item: tuple[str, str], scratch: str | None = None) -> 
         row |= {
             "windows": found.windows,
             "verdict": found.verdict,
+            "proof": None if found.proof is None else _PROOFS[found.proof.proven],
             "summary": found.headline(),
             "effects": ", ".join(finding.name for finding in found.effects),
         }

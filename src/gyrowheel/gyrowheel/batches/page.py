@@ -19,18 +19,22 @@ _VERDICTS = {
     "insufficient_data": "insufficient data",
     "failed": "failed",
 }
+_NOT_PROVEN = "not proven"  # in the column `proof`
 
 
 def batch_page(rows: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
     """Yield the verdicts with the effects that were found, and the recordings that failed."""
-    counts = Counter((row["verdict"], row["effects"] or "") for row in rows)
+    counts = Counter((row["verdict"], row["effects"] or "", row.get("proof") == _NOT_PROVEN) for row in rows)
     table = words_table("verdict", "effects", "recordings", whole=(0,))
     table.columns[2].justify = "right"
     order = list(_VERDICTS)
-    for (verdict, effects), count in sorted(
+    for (verdict, effects, doubtful), count in sorted(
         counts.items(), key=lambda own: (order.index(own[0][0]), -own[1])
     ):
-        table.add_row(_VERDICTS[verdict], effects, str(count))
+        words = _VERDICTS[verdict]
+        if doubtful and effects:
+            words = f"{words.replace(' is missing', ' may be missing')}, {_NOT_PROVEN}"
+        table.add_row(words, effects, str(count))
     yield indented(table)
     failures = [f"{row['recording']}: {row['error']}" for row in rows if row["error"]]
     if failures:
