@@ -98,8 +98,8 @@ def test_the_tilt_scale_limits_the_constant_of_the_coils(
     _, _, found = calibrated
     coil = found.constants["coil_constant"]
     assert coil.limited_by in ("rotor_inertia_z", "tilt_scale")
-    # the noise alone would allow a hundred times better
-    assert 0.001 < coil.after.standard_error / coil.after.value < 0.006
+    # the noise alone would allow a hundred times better; the air that the model does not know widens it
+    assert 0.001 < coil.after.standard_error / coil.after.value / found.widened < 0.006
 
 
 @pytest.mark.slow
