@@ -215,7 +215,7 @@ _HEAD: Final = """\
 #   value, unit    any unit of the kind: kg*m^2 or g*cm^2, rad/s or rpm, rad or deg, K or degC
 #   uncertainty    standard uncertainty (1 sigma): in the unit of the value, or in per cent of it
 #   source         where the value comes from: data sheet, drawing, measurement, or `assumed`
-# `gyrowheel bench --bench FILE` shows it, and with --reach what it can reach; what is wrong is told all at once.
+# `gyrowheel bench --bench FILE` shows it, and with --reach what it can reach; all errors are reported at once.
 schema: 1
 name: {name}
 title: {title}

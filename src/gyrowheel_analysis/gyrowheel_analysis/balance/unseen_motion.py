@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
+from gyrowheel_analysis.reduction.window_fit import tilting
 from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, MODULATION, Windows, speed_groups
 from gyrowheel_sim.bench import Bench
 
@@ -44,7 +45,8 @@ def _variance(windows: Windows, number: int, bench: Bench, data: Samples) -> flo
     start, duration = float(windows.start[number]), float(windows.duration[number])
     first, stop = np.searchsorted(data.time, (start, start + duration))
     h = data.period(bench.sample_period)
-    nutation = bench.precession_inertia * float(windows.mean_spin[number]) / _inertia(bench)
+    inertia, _ = tilting(bench)
+    nutation = bench.precession_inertia * float(windows.mean_spin[number]) / inertia
     count = round(duration / h)
     if stop - first < 0.5 * count or nutation * h > 0.5 * math.pi:
         return None
@@ -68,15 +70,11 @@ def _variance(windows: Windows, number: int, bench: Bench, data: Samples) -> flo
     near, around = away < _NEAR, (away >= _NEAR) & (away < _AROUND)
     # of a free gyroscope at the sampling instants, for a torque that is held between them
     answer = math.sin(0.5 * nutation * h) / (
-        nutation * _inertia(bench) * np.sin(0.5 * (frequency - nutation) * h + near)
+        nutation * inertia * np.sin(0.5 * (frequency - nutation) * h + near)
     )
     power = np.where(near, 0.0, torque * answer**2)
     power[near] = power[around].mean()
     return float(power.mean())
-
-
-def _inertia(bench: Bench) -> float:
-    return bench.value("rotor_inertia_x") + 0.5 * bench.value("gimbal_inertia_x")
 
 
 def spread(first: int, last: int) -> Array:
