@@ -60,8 +60,10 @@ ERRORS = {
     "gimbal_inertia_error": ("gimbal_inertia_x", "gimbal_inertia_y", "gimbal_inertia_z"),
     "shaft_inertia_error": ("shaft_inertia",),
     "rotor_inertia_error": ("rotor_inertia_z",),
+    "transverse_inertia_error": ("rotor_inertia_x", "rotor_inertia_y"),
     "coil_gain_error": ("coil_constant",),
     "motor_constant_error": ("motor_constant",),
+    "motor_resistance_error": ("motor_resistance",),
 }
 _PLACE = {pair: index for index, pair in enumerate(COEFFICIENTS)}
 _NUMBERS = (
