@@ -135,7 +135,7 @@ def _of(effects: EffectValues, plan: str, line: str = "") -> Callable[[Recording
         pytest.param(lambda own, _: own, id="an effect", marks=pytest.mark.study),
         pytest.param(lambda own, _: _with_event(own), id="an event"),
         pytest.param(_of({"stiffness_memory": {"k": 0.02}}, "check"), id="a law with a memory"),
-        pytest.param(_of({}, "quick", "pulled: -k*conj(z)^2*r; k = 0.04 [N*m]"), id="an unknown law"),
+        pytest.param(_of({}, "check", "pulled: -k*conj(z)^2*r; k = 0.04 [N*m]"), id="an unknown law"),
         pytest.param(_of({}, "check"), id="nothing"),
     ],
 )

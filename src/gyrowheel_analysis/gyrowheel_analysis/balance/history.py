@@ -45,8 +45,8 @@ _KEPT = 24  # histories of states
 _PARTS = 64  # of a step, at most, unless one is longer than a second: a pause may last for years
 _ROUGH = 8  # sampling instants between the points of a rough or thin course
 _THIN = 1.0e-4  # of the range of a state in the windows: error of a thin course that is accepted
-#: Change of a coefficient from which that is checked again: part of it, and of a pure number also this much.
-_NEAR, _NEAR_NUMBER = 0.5, 0.1
+#: Steps of a coefficient, for each of which that is checked: a factor, and of a pure number a difference, or this part.
+_FACTOR, _DIFFERENCE, _PART = 2.0, 0.2, 0.5
 _BLOCK = 1 << 16  # points at once
 _TURN = 1.5  # rad, the largest turn between two points at which harmonics are followed
 _REVOLUTIONS = 4  # of a block between windows whose harmonics are taken
@@ -95,7 +95,7 @@ class History:
     def __init__(self, windows: Windows, bench: Bench, samples: Samples | None = None) -> None:
         self._windows, self._bench, self._samples, self._every = windows, bench, samples, 1
         self._found: OrderedDict[Any, dict[str, Any]] = OrderedDict()
-        self._checked: dict[Any, tuple[dict[str, float], bool]] = {}
+        self._checked: dict[Any, bool] = {}
 
     @cached_property
     def rough(self) -> History:
@@ -174,19 +174,21 @@ class History:
     def _in_windows(self, effect: Effect, values: Mapping[str, float], basis: Array) -> Array:
         """Return the states of an effect in the windows, by the terms of a `basis` (nodes, phases, terms).
 
-        A thin course is taken where it agreed with the whole one at similar coefficients.
+        A thin course is taken where it agrees with the whole one at coefficients nearby. These follow from the
+        coefficients alone: what was asked before changes no digit.
         """
         if self._thin is None:
             return self._fitted(effect, values, basis)
-        law = effect.states, effect.each_flexure
-        about, thin = self._checked.get(law, ({}, False))
-        if _similar(effect, values, about):
-            return (self._thin if thin else self)._fitted(effect, values, basis)
-        few, whole = (course._fitted(effect, values, basis) for course in (self._thin, self))
-        error = np.abs(few - whole).max(axis=(1, 2, 3), initial=0.0)
-        thin = bool(np.all(error <= _THIN * np.ptp(whole, axis=(1, 2, 3)))) if whole.size else True
-        self._checked[law] = dict(values), thin
-        return few if thin else whole
+        about = _nearby(effect, values)
+        key = effect.states, effect.each_flexure, tuple(about.items())
+        if key not in self._checked:
+            few, whole = (course._fitted(effect, about, basis) for course in (self._thin, self))
+            error = np.abs(few - whole).max(axis=(1, 2, 3), initial=0.0)
+            thin = not whole.size or bool(np.all(error <= _THIN * np.ptp(whole, axis=(1, 2, 3))))
+            self._checked[key] = thin
+            if about == values:
+                return few if thin else whole
+        return (self._thin if self._checked[key] else self)._fitted(effect, values, basis)
 
     def _fitted(self, effect: Effect, values: Mapping[str, float], basis: Array) -> Array:
         """Return the states (states, windows, nodes, phases) of an effect along the course, fitted in the windows."""
@@ -218,17 +220,21 @@ def _names_in(states: tuple[LawState, ...]) -> frozenset[str]:
     return frozenset(s.name for own in states for e in (own.rate, own.start) for s in e.free_symbols)
 
 
-def _similar(effect: Effect, values: Mapping[str, float], about: Mapping[str, float]) -> bool:
-    """Whether coefficients in the states of an effect are close to others for which a course was checked."""
-    names = _names_in(effect.states)
+def _nearby(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    """Return values with those of the states moved to the nearest of few: the usual one, and in steps from it."""
+    result, names = dict(values), _names_in(effect.states)
     for c in effect.coefficients:
         if c.name in names and c.name in values:
-            if c.name not in about:
-                return False
-            near = max(_NEAR * abs(about[c.name]), _NEAR_NUMBER if c.unit == "1" else 0.0)
-            if not abs(values[c.name] - about[c.name]) <= near:
-                return False
-    return bool(about)
+            value, usual = values[c.name], c.default
+            if c.unit == "1":
+                step = max(_DIFFERENCE, _PART * abs(usual))
+                near = usual + step * round((value - usual) / step)
+            elif value * usual > 0.0:
+                near = usual * _FACTOR ** round(math.log(value / usual, _FACTOR))
+            else:
+                continue
+            result[c.name] = min(max(near, c.bounds[0]), c.bounds[1])
+    return result
 
 
 _KERNELS = (
