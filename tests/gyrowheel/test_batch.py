@@ -10,6 +10,7 @@ from typing import Any
 
 import pyarrow
 import pyarrow.csv
+import pyarrow.parquet
 import pytest
 
 import gyrowheel as gw
@@ -86,6 +87,7 @@ def test_rows_are_read_as_they_were_written(ending: str, tmp_path: Path) -> None
             "key": "12e4567890123456",
             "machine": "0012",
             "verdict": "effect",
+            "proven": False,
             "effects": "",
             "error": "",
         }
@@ -98,6 +100,17 @@ def test_rows_are_read_as_they_were_written(ending: str, tmp_path: Path) -> None
     assert api.read_rows(table) == rows
     api.write_rows(table, [rows[0] | {"recording": "a \udcff"}])  # a path that is no text
     assert api.read_rows(table)[0]["recording"] == "a \\udcff"
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_a_table_without_the_columns_that_were_added_later_is_read(ending: str, tmp_path: Path) -> None:
+    row = dict.fromkeys(api.COLUMNS) | {"recording": "a", "key": "0", "verdict": "effect", "error": ""}
+    write = pyarrow.parquet.write_table if ending == "parquet" else pyarrow.csv.write_csv
+    write(
+        pyarrow.table({n: [v] for n, v in row.items() if n not in ("version", "proven")}),
+        tmp_path / f"t.{ending}",
+    )
+    assert api.read_rows(tmp_path / f"t.{ending}") == [row]
 
 
 def test_a_changed_recording_or_model_is_diagnosed_again_and_an_interruption_keeps_the_rows(
@@ -219,7 +232,7 @@ def test_work_that_ends_early_warns_of_nothing() -> None:
 
 def test_what_the_data_contradict_is_not_stated_as_missing() -> None:
     row = dict.fromkeys(api.COLUMNS, "") | {"verdict": "effect", "effects": "windage"}
-    page = str(gw.Batch(tuple(row | {"proof": proof} for proof in ("proven", "", "not proven"))))
+    page = str(gw.Batch(tuple(row | {"proven": proven} for proven in (True, None, False))))
     lines = [line.split() for line in page.splitlines() if "windage" in line]
     assert [" ".join(line) for line in lines] == [
         "an effect is missing windage 2",

@@ -246,7 +246,8 @@ LAW_PLAINER: Final = 0.01
 #: method into effects, larger raises detection limits.
 MODEL_RELATIVE: Final = 5.0e-4
 MODEL_ABSOLUTE: Final = 4.0e-6
-#: The part for the mean torque of the coils: at most 4e-5 measured, with every effect at three times its usual size.
+#: The part for the mean torque of the coils: at most 4e-5 measured, with each effect of an instant at three times its
+#: usual size.
 MODEL_TILT: Final = 1.0e-4
 #: Accuracy of the ripple of the speed while the tilt moves [N m].
 MODEL_RIPPLE: Final = 1.0e-4

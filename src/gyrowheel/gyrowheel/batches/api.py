@@ -35,7 +35,7 @@ COLUMNS = (
     "duration",
     "windows",
     "verdict",
-    "proof",
+    "proven",
     "summary",
     "effects",
     "chi2_per_n_before",
@@ -44,9 +44,8 @@ COLUMNS = (
     "seconds",
 )
 ENDINGS = (".parquet", ".csv")
-_TEXTS = ("recording", "key", "version", "machine", "verdict", "proof", "summary", "effects", "error")
-#: The proof by what it says: none where the recording cannot decide.
-_PROOFS = {True: "proven", False: "not proven", None: None}
+_TEXTS = ("recording", "key", "version", "machine", "verdict", "summary", "effects", "error")
+_ADDED = ("version", "proven")  # columns that earlier tables lack
 _WRITTEN_EVERY = 2.0  # s; rows of a shorter time are written together
 _METADATA = "metadata.yaml"
 _STORAGES = (".mcap", ".db3")
@@ -62,7 +61,8 @@ class Batch(Result):
         A row a recording: see `COLUMNS`; then ``EFFECT.COEFFICIENT`` and ``EFFECT.COEFFICIENT.error`` of every effect
         that was found, and the same of every fitted bench parameter [SI]; as ``.data``, ``.data_error`` and
         ``.data_scatter`` what the recording alone says of it, without its prior, and how that would scatter between
-        recordings of the same machine. ``error`` is the reason why a recording could not be diagnosed, or empty;
+        recordings of the same machine. ``proven`` is whether the recording is consistent with what was found, None
+        where it does not decide. ``error`` is the reason why a recording could not be diagnosed, or empty;
         ``key`` identifies recording and model, ``version`` the code and libraries that diagnosed it.
     kept : int
         Number of rows that the file had already.
@@ -243,7 +243,7 @@ def diagnosed(model: Any, item: tuple[str, str], scratch: str | None = None) -> 
         row |= {
             "windows": found.windows,
             "verdict": found.verdict,
-            "proof": None if found.proof is None else _PROOFS[found.proof.proven],
+            "proven": None if found.proof is None else found.proof.proven,
             "summary": found.headline(),
             "effects": ", ".join(finding.name for finding in found.effects),
         }
@@ -296,11 +296,10 @@ def read_rows(table: Path) -> list[Row]:
                 found = pyarrow.csv.read_csv(opened, convert_options=texts)
         except pyarrow.ArrowInvalid as error:
             raise InputError(f"{table}: not a table of a batch ({one_line(error)})") from None
-    # the first tables had no version
-    if missing := [name for name in COLUMNS if name not in (*found.column_names, "version")]:
+    if missing := [name for name in COLUMNS if name not in (*found.column_names, *_ADDED)]:
         raise InputError(f"{table}: not a table of a batch: it has no column {missing[0]}")
     rows = [{n: v for n, v in row.items() if v is not None or n in COLUMNS} for row in found.to_pylist()]
-    return [row | {"error": row["error"] or "", "version": row.get("version")} for row in rows]
+    return [dict.fromkeys(_ADDED) | row | {"error": row["error"] or ""} for row in rows]
 
 
 def write_rows(table: Path, rows: Sequence[Row]) -> None:

@@ -19,12 +19,11 @@ _VERDICTS = {
     "insufficient_data": "insufficient data",
     "failed": "failed",
 }
-_NOT_PROVEN = "not proven"  # in the column `proof`
 
 
 def batch_page(rows: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
     """Yield the verdicts with the effects that were found, and the recordings that failed."""
-    counts = Counter((row["verdict"], row["effects"] or "", row.get("proof") == _NOT_PROVEN) for row in rows)
+    counts = Counter((row["verdict"], row["effects"] or "", row["proven"] is False) for row in rows)
     table = words_table("verdict", "effects", "recordings", whole=(0,))
     table.columns[2].justify = "right"
     order = list(_VERDICTS)
@@ -33,7 +32,7 @@ def batch_page(rows: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
     ):
         words = _VERDICTS[verdict]
         if doubtful and effects:
-            words = f"{words.replace(' is missing', ' may be missing')}, {_NOT_PROVEN}"
+            words = f"{words.replace(' is missing', ' may be missing')}, not proven"
         table.add_row(words, effects, str(count))
     yield indented(table)
     failures = [f"{row['recording']}: {row['error']}" for row in rows if row["error"]]

@@ -45,7 +45,8 @@ _KEPT = 24  # histories of states
 _PARTS = 64  # of a step, at most, unless one is longer than a second: a pause may last for years
 _ROUGH = 8  # sampling instants between the points of a rough or thin course
 _THIN = 1.0e-4  # of the range of a state in the windows: error of a thin course that is accepted
-#: Steps of a coefficient, for each of which that is checked: a factor, and of a pure number a difference, or this part.
+#: Grid of the coefficients at which that is checked: a factor from value to value; for a pure number a difference, at
+#: least this part of the usual value.
 _FACTOR, _DIFFERENCE, _PART = 2.0, 0.2, 0.5
 _BLOCK = 1 << 16  # points at once
 _TURN = 1.5  # rad, the largest turn between two points at which harmonics are followed
@@ -174,20 +175,23 @@ class History:
     def _in_windows(self, effect: Effect, values: Mapping[str, float], basis: Array) -> Array:
         """Return the states of an effect in the windows, by the terms of a `basis` (nodes, phases, terms).
 
-        A thin course is taken where it agrees with the whole one at coefficients nearby. These follow from the
-        coefficients alone: what was asked before changes no digit.
+        A thin course is taken where it agrees with the whole one at the nearest coefficients of a grid. So the choice
+        follows from the coefficients alone, whatever was computed before.
         """
         if self._thin is None:
             return self._fitted(effect, values, basis)
-        about = _nearby(effect, values)
-        key = effect.states, effect.each_flexure, tuple(about.items())
+        nearest = _nearest(effect, values)
+        key = effect.states, effect.each_flexure, tuple(nearest.items())
         if key not in self._checked:
-            few, whole = (course._fitted(effect, about, basis) for course in (self._thin, self))
+            few, whole = (
+                course._fitted(effect, {**values, **nearest}, basis) for course in (self._thin, self)
+            )
             error = np.abs(few - whole).max(axis=(1, 2, 3), initial=0.0)
-            thin = not whole.size or bool(np.all(error <= _THIN * np.ptp(whole, axis=(1, 2, 3))))
-            self._checked[key] = thin
-            if about == values:
-                return few if thin else whole
+            self._checked[key] = (
+                bool(np.all(error <= _THIN * np.ptp(whole, axis=(1, 2, 3)))) if whole.size else True
+            )
+            if all(values[name] == value for name, value in nearest.items()):
+                return few if self._checked[key] else whole
         return (self._thin if self._checked[key] else self)._fitted(effect, values, basis)
 
     def _fitted(self, effect: Effect, values: Mapping[str, float], basis: Array) -> Array:
@@ -220,19 +224,17 @@ def _names_in(states: tuple[LawState, ...]) -> frozenset[str]:
     return frozenset(s.name for own in states for e in (own.rate, own.start) for s in e.free_symbols)
 
 
-def _nearby(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
-    """Return values with those of the states moved to the nearest of few: the usual one, and in steps from it."""
-    result, names = dict(values), _names_in(effect.states)
+def _nearest(effect: Effect, values: Mapping[str, float]) -> dict[str, float]:
+    """Return the coefficients in the states of an effect, moved to a grid about their usual values."""
+    result, names = {}, _names_in(effect.states)
     for c in effect.coefficients:
         if c.name in names and c.name in values:
-            value, usual = values[c.name], c.default
+            near, usual = values[c.name], c.default
             if c.unit == "1":
                 step = max(_DIFFERENCE, _PART * abs(usual))
-                near = usual + step * round((value - usual) / step)
-            elif value * usual > 0.0:
-                near = usual * _FACTOR ** round(math.log(value / usual, _FACTOR))
-            else:
-                continue
+                near = usual + step * round((near - usual) / step)
+            elif near * usual > 0.0:
+                near = usual * _FACTOR ** round(math.log(near / usual, _FACTOR))
             result[c.name] = min(max(near, c.bounds[0]), c.bounds[1])
     return result
 

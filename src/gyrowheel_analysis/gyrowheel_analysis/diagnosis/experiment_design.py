@@ -173,9 +173,9 @@ def _planned(asked: _Asked) -> tuple[Problem, float] | None:
 
 
 class _Rival:
-    """A fit to the present recordings of `problem`, and what of it serves for every truth.
+    """A fit to the present recordings of `problem` that plans are to rule out, with what depends on no truth.
 
-    `designs` has the whitened derivatives by its unknowns in plans.
+    `designs` are the whitened derivatives of the rows by its unknowns, by plan.
     """
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
@@ -234,7 +234,7 @@ class Planner:
         other, minutes = found
         if self._last is None or self._last.fit is not rival:
             self._last = _Rival(self._problem, rival)
-        present, along, beside = self._last.present(truth)
+        present, along, outside = self._last.present(truth)
         at = other.predict(rival)
         signal = np.concatenate([along, other.noise.whiten(other.predict(truth) - at)])
         designs = self._last.designs
@@ -245,7 +245,7 @@ class Planner:
         size[size == 0.0] = 1.0
         solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)
         left = signal - (design / size) @ solution
-        expected = beside + float(left @ left) - float(truth.nuisance @ truth.nuisance)
+        expected = outside + float(left @ left) - float(truth.nuisance @ truth.nuisance)
         return Separation(plan, max(expected, 0.0), minutes)
 
     def revealing(self, name: str) -> Separation | None:
