@@ -86,7 +86,7 @@ def reach(bench: Bench) -> Reach:
     limit = v("tilt_limit")
     with_air, still = _holds(bench, rates, [0.0, limit], AIR), _holds(bench, rates, [0.0, limit], ())
     allowed = demands.COIL_SHARE * v("coil_voltage_limit")
-    transverse = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
+    transverse = bench.transverse_inertia
     found = []
     for k, rate in enumerate(rates):
         coil, motor = with_air

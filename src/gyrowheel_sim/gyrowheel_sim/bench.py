@@ -160,6 +160,16 @@ class Bench:
         )
 
     @property
+    def transverse_inertia(self) -> float:
+        """Moment of inertia about an axis of the tilt: Irx + Igx/2 [kg m^2]."""
+        return self.value("rotor_inertia_x") + 0.5 * self.value("gimbal_inertia_x")
+
+    @property
+    def flexure_stiffness(self) -> float:
+        """Mean stiffness of both flexures [N m/rad]."""
+        return 0.5 * (self.value("flexure_stiffness_x") + self.value("flexure_stiffness_y"))
+
+    @property
     def axial_inertia(self) -> float:
         """Moment of inertia of everything that turns with the shaft [kg m^2]."""
         return self.value("rotor_inertia_z") + self.value("gimbal_inertia_z") + self.value("shaft_inertia")

@@ -230,8 +230,7 @@ def _half(e: Evidence) -> Finding:
     printed = d.STIFFNESS[0] * x**2 + d.STIFFNESS[1] * y**2
     factor = float(sp.simplify(printed.diff(x) / derived.potential.diff(x)))
     bench = e.bench
-    stiffness = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
-    tuned = math.sqrt(2.0 * stiffness / bench.tuning_inertia)
+    tuned = math.sqrt(2.0 * bench.flexure_stiffness / bench.tuning_inertia)
     found = e.parts_by_speed
     spring, air = part(found, "flexure_stiffness").real, part(found, "aero_restoring").real
     bare = found.coil.real - air

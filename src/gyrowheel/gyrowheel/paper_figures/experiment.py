@@ -409,9 +409,7 @@ def _constant(e: Evidence) -> Finding:
 )
 def _beats(e: Evidence) -> Finding:
     b = e.bench
-    nutation = (
-        b.precession_inertia / (b.value("rotor_inertia_x") + 0.5 * b.value("gimbal_inertia_x")) * REFERENCE
-    )
+    nutation = b.precession_inertia / b.transverse_inertia * REFERENCE
     beat = 2.0 * REFERENCE - nutation
     hertz = [value / (2.0 * math.pi) for value in (REFERENCE, 2.0 * REFERENCE, nutation, beat)]
     return Finding(

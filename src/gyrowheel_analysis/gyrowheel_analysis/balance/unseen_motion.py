@@ -12,8 +12,7 @@ import math
 import numpy as np
 
 from gyrowheel_analysis.reduction.samples import Array, Samples
-from gyrowheel_analysis.reduction.window_fit import tilting
-from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, MODULATION, Windows, speed_groups
+from gyrowheel_analysis.reduction.windows import DEGREE, MODULATION, Windows, speed_groups, waves_of
 from gyrowheel_sim.bench import Bench
 
 _SHORTEST = 0.4  # s, of a window: a shorter one does not resolve the frequencies about that of the nutation
@@ -45,16 +44,15 @@ def _variance(windows: Windows, number: int, bench: Bench, data: Samples) -> flo
     start, duration = float(windows.start[number]), float(windows.duration[number])
     first, stop = np.searchsorted(data.time, (start, start + duration))
     h = data.period(bench.sample_period)
-    inertia, _ = tilting(bench)
+    inertia = bench.transverse_inertia
     nutation = bench.precession_inertia * float(windows.mean_spin[number]) / inertia
     count = round(duration / h)
     if stop - first < 0.5 * count or nutation * h > 0.5 * math.pi:
         return None
     x = 2.0 * (data.time[first:stop] - start) / duration - 1.0
     angle = data.readings.spin_angle[first:stop]
-    some = np.vander(x, MODULATION)
-    waves = [f(order * angle)[:, None] * some for order in FORWARD for f in (np.cos, np.sin)]
-    design = np.hstack([np.polynomial.legendre.legvander(x, DEGREE), *waves])
+    waves = waves_of(angle, np.vander(x, MODULATION))
+    design = np.hstack([np.polynomial.legendre.legvander(x, DEGREE), waves])
     volts = data.readings.coil_voltage_x[first:stop] + 1j * data.readings.coil_voltage_y[first:stop]
     left = volts - design @ np.linalg.solve(design.T @ design, design.T @ volts)
     even = np.zeros(count, dtype=complex)  # a lost sample adds nothing

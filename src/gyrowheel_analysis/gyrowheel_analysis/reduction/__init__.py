@@ -6,7 +6,7 @@ amplitudes of the harmonics may vary within the window (on a cone they turn with
 plain means, so that their noise is simple.
 
 In the order of the work: `samples` (the input), `quality` (missing, clipped, spiked and noisy readings), `clock`
-(jitter), `motor_temperature`, `window_fit` (one window), `segmentation` (the windows of a recording or a plan) and
-`windows` (the output, groups of it, and coverage). The instruments as the samples show them: `hum`, and
-`instrument_readings` for all of them.
+(jitter), `motor_temperature`, `window_fit` (one window) with `mean_rates` and `outliers`, `segmentation` (the windows
+of a recording or a plan) and `windows` (the output, groups of it, and coverage). The instruments as the samples show
+them: `hum`, and `instrument_readings` for all of them.
 """

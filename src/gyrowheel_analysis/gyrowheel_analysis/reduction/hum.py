@@ -198,8 +198,8 @@ def _answer(
     acting = voltage * np.exp(1j * half) * np.sinc(half / math.pi)
     if not commanded:
         acting = acting / held_response(omega, *_chain(bench, "coil_voltage"), period=held)
-    inertia = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
-    stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
+    inertia = bench.transverse_inertia
+    stiffness = bench.flexure_stiffness
     gyro = bench.precession_inertia * spin * omega
     resistance = stiffness + gyro - inertia * omega**2
     clear = np.abs(resistance) > _STIFF * np.abs(gyro)

@@ -29,10 +29,10 @@ from gyrowheel_analysis.criteria import (
 )
 from gyrowheel_analysis.reduction.clock import Stamps, read_stamps
 from gyrowheel_analysis.reduction.hum import Line, find_lines, hum_variance, unobservable
+from gyrowheel_analysis.reduction.outliers import Outliers, outliers
 from gyrowheel_analysis.reduction.quality import READING_NOISES, readable
 from gyrowheel_analysis.reduction.samples import Samples
 from gyrowheel_analysis.reduction.segmentation import steady_spans
-from gyrowheel_analysis.reduction.window_fit import Outliers, outliers
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_core.readings import READINGS, Readings
 from gyrowheel_recording.derived import ASSUMED

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import CONE_DRIFT, CONE_OFF_SPEED, OTHER_RATE
 from gyrowheel_analysis.reduction.clock import evened
+from gyrowheel_analysis.reduction.mean_rates import acceleration_variance, planned_rate_variance
 from gyrowheel_analysis.reduction.motor_temperature import motor_temperatures
 from gyrowheel_analysis.reduction.quality import READING_NOISES, clipped_readings, readable, reading_noise
 from gyrowheel_analysis.reduction.samples import Array, Samples, loop_period
@@ -20,9 +21,7 @@ from gyrowheel_analysis.reduction.window_fit import (
     FEWEST_REVOLUTIONS,
     FEWEST_SAMPLES,
     SHORTEST,
-    acceleration_variance,
     fit_window,
-    planned_rate_variance,
 )
 from gyrowheel_analysis.reduction.windows import (
     DEGREE,

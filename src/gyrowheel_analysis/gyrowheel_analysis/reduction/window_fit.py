@@ -3,116 +3,42 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from functools import cache
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import (
     EDGE_OF_MOTION,
-    FEWEST_OUTLIERS,
     FURTHER_TERMS,
-    OUTLIER,
-    OUTLIER_BLOCKS,
-    OUTLIER_SHARE,
     RESTLESS_CURRENT,
     TOO_FEW_TERMS,
     UNSETTLED_ANGLE,
     UNSETTLED_TILT,
 )
+from gyrowheel_analysis.reduction.mean_rates import (
+    acceleration_variance,
+    mean_acceleration,
+    tilt_rate_weights,
+)
 from gyrowheel_analysis.reduction.motor_temperature import interpolated
+from gyrowheel_analysis.reduction.outliers import noise_excess
 from gyrowheel_analysis.reduction.quality import READING_NOISES, SLOW, despiked, without_spikes
 from gyrowheel_analysis.reduction.samples import Array, Samples, unseen_noise
-from gyrowheel_analysis.reduction.windows import DEGREE, FORWARD, HARMONICS, MEAN, MODULATION, RISE, attitude
+from gyrowheel_analysis.reduction.windows import (
+    DEGREE,
+    FORWARD,
+    HARMONICS,
+    MEAN,
+    MODULATION,
+    RISE,
+    attitude,
+    waves_of,
+)
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.environment import Environment
 from gyrowheel_sim.instruments import held_factor
-
-_BLOCK = 500  # samples with a scale of their own
-_BLOCKS_OF_WINDOW = 16
-_SMALLEST_BLOCK, _LARGEST_BLOCK = 8, 256  # samples; the latter as in the noise of a recording
-_FEWEST_CLEAN = 3  # blocks
-_SECOND_OF_WHITE = 6.0  # mean square of second differences of white noise, over its own
-_FEWEST_OF_WINDOW = 3  # outliers of a window: one reading makes three second differences
-_SAME_RUN = 20  # samples; outliers that are closer belong together
-_MEDIAN_OF_GAUSSIAN = 0.6745  # of the absolute value, in standard deviations
-#: Readings that show the noise of a channel. Voltages are left out: they answer the noise of tilt and speed.
-_SHOWING = {
-    "tilt": ("tilt_x", "tilt_y"),
-    "spin_angle": ("spin_angle",),
-    "spin_rate": ("spin_rate",),
-    "motor_current": ("motor_current",),
-}
-
-
-class Outliers(NamedTuple):
-    """Samples of a reading far outside of its Gaussian noise: their share, and how many come together on average."""
-
-    share: float
-    together: float
-
-
-def outliers(data: Samples, spans: Sequence[tuple[float, float]], period: float) -> dict[str, Outliers]:
-    """Return the outliers of readings whose noise is not Gaussian, by channel.
-
-    The second differences of the samples of a steady motion, `spans` of time [s], show little but noise. Each block of
-    them has its own scale, because the motion differs. `period` is the sample period [s].
-    """
-    even = np.diff(data.time) < 1.5 * period
-    blocks = [
-        (start, min(start + _BLOCK, stop))
-        for first, last in np.searchsorted(data.time, spans).tolist()
-        for start, stop in ((k, last) for k in range(first, last - _BLOCK // 2, _BLOCK))
-    ]
-    found = {}
-    for channel, names in _SHOWING.items():
-        shown = far = runs = with_one = 0
-        for name in set(names) - data.absent:
-            for first, last in blocks:
-                own, size = _far(
-                    data.readings[name][first:last], even[first : last - 1], name == "spin_angle"
-                )
-                shown, far, with_one = shown + size, far + len(own), with_one + bool(len(own))
-                runs += int(np.sum(np.diff(own, prepend=-_BLOCK) > _SAME_RUN))
-        if far >= max(FEWEST_OUTLIERS, OUTLIER_SHARE * shown) and with_one >= OUTLIER_BLOCKS:
-            found[channel] = Outliers(far / shown, far / runs)
-    return found
-
-
-def _far(values: NDArray[np.float64], even: NDArray[np.bool_], turning: bool) -> tuple[NDArray[np.intp], int]:
-    """Return the places of the outliers among consecutive samples, and the number of differences."""
-    second = np.diff(np.unwrap(values) if turning else values, 2)[even[1:] & even[:-1]]
-    scale = float(np.median(np.abs(second))) / _MEDIAN_OF_GAUSSIAN if len(second) else 0.0
-    far = np.flatnonzero(np.abs(second) > OUTLIER * scale) if scale > 0.0 else np.zeros(0, dtype=np.intp)
-    return far, len(second)
-
-
-def noise_excess(left: NDArray[Any], noise: float) -> NDArray[np.float64]:
-    """Return the factors by which outliers raise the mean square of the noise at the samples of a window, (n,).
-
-    `left` (n,) are the readings of the window without the motion; `noise` is that of the recording, the median over
-    many blocks, which excludes bursts; zero where it is not known. Without outliers the factors are 1; else each is
-    that of a block over the median of all blocks, or over blocks without outliers where a burst reaches most of them.
-    """
-    second = np.diff(left, 2)
-    parts = np.stack((second.real, second.imag)) if np.iscomplexobj(second) else second[None]
-    block = min(_LARGEST_BLOCK, parts.shape[1] // _BLOCKS_OF_WINDOW)
-    usual = _SECOND_OF_WHITE * noise**2 or np.inf
-    scale = min(float(np.median(np.abs(parts))) / _MEDIAN_OF_GAUSSIAN, np.sqrt(usual))
-    far = np.abs(parts).max(axis=0) > OUTLIER * scale
-    if block < _SMALLEST_BLOCK or np.sum(far) < _FEWEST_OF_WINDOW or scale == 0.0:
-        return np.ones(len(left))
-    whole = parts.shape[1] // block * block
-    levels = np.mean(parts[:, :whole] ** 2, axis=0).reshape(-1, block).mean(axis=1)
-    clean = levels[~far[:whole].reshape(-1, block).any(axis=1)]
-    if len(clean) >= _FEWEST_CLEAN:
-        usual = float(clean.mean())
-    factor = np.repeat(levels / min(usual, float(np.median(levels))), block)
-    factor = np.pad(factor, (1, len(left) - whole - 1), mode="edge")
-    return np.asarray(factor / min(float(factor.mean()), 1.0))
-
 
 #: Terms of the polynomial of the spin angle, by the longest window [s] that has them: long windows contain the response
 #: of the spin loop to a change of tilt.
@@ -121,7 +47,6 @@ SHORTEST = 0.16  # s, of a window
 FEWEST_REVOLUTIONS = 4  # of a window; with fewer, harmonics and slow motion are hard to separate
 #: Fraction of the samples of a window that must be present.
 FEWEST_SAMPLES = 0.7
-_SAMPLES_OF_TURN = 32  # of a planned window: its noise hardly depends on them
 _FURTHER = 4  # terms of the polynomials that show whether a motion has settled
 #: Samples at each end of a window whose mean residual shows that a motion ended or began there.
 _EDGE_SAMPLES = (4, 8, 16)
@@ -132,17 +57,6 @@ _MEDIAN_OF_SQUARES = math.log(2.0)  # of complex noise, over their mean
 _TO_POWERS = np.zeros((DEGREE, DEGREE))
 for _term in range(DEGREE):
     _TO_POWERS[: _term + 1, _term] = np.polynomial.legendre.leg2poly(np.eye(DEGREE)[_term])[: _term + 1]
-
-
-#: The modulating function of the tilt rate, by powers of x. Zero at the ends of a window, it gives any motion that is a
-#: cubic in time the mean of a constant weight; of these functions its slope is the least, and with it the noise.
-_BUMP = np.array([0.625, 0.0, 3.75, 0.0, -4.375])
-_BUMP_SLOPE = np.polynomial.polynomial.polyder(_BUMP)
-_BUMP_EXCESS = np.polynomial.polynomial.polysub(_BUMP, [1.0])
-
-#: Nodes of a mean over a window, and their weights.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-_WEIGHTS = 0.5 * _WEIGHTS
 
 
 def fit_window(
@@ -183,7 +97,7 @@ def fit_window(
     x = (time - 0.5 * (begin + end)) / (0.5 * duration)
     degree = DEGREE + 1
     powers = np.vander(x, degree, increasing=True)
-    waves = _waves(angle, powers[:, :MODULATION])
+    waves = waves_of(angle, powers[:, :MODULATION])
     design = np.hstack([powers, waves])
     # the smooth part of the speed comes from the angle, which gives its slope far better
     readings = np.column_stack(  # in the order of `_TILT`, `_CURRENT`, ...
@@ -245,7 +159,7 @@ def fit_window(
     drive, per_unit, drive_noise = _drive(
         readings, np.polynomial.legendre.legval(x, spin), data.absent, bench
     )
-    acceleration = _acceleration(spin, spin_left, drive, x, duration, of_speed=of_speed)
+    acceleration = mean_acceleration(spin, spin_left, drive, x, duration, of_speed=of_speed)
     wave = np.cos(math.pi * x)
     angle_deviation = (
         _deviation(spin_noise, np.sin(math.pi * x), noise, factors) * duration / (2.0 * math.pi)
@@ -257,7 +171,7 @@ def fit_window(
     )
     means = readings.mean(axis=0)
     speed = float(means[_SPIN].real)
-    rows = _tilt_rate(x, design, gram, duration, hold / duration, bench, speed)
+    rows = tilt_rate_weights(x, design, gram, duration, hold / duration, bench, speed)
     rate = rows[0] @ readings[:, _TILT] + rows[1] @ readings[:, _COIL]
     tilt = fit[_TILT, :degree].copy()
     tilt[1] += 0.5 * (rate * duration - tilt @ RISE)
@@ -355,74 +269,6 @@ def _beyond(x: Array, waves: Array, tilt: Any) -> float:
     return _more(further, design, gram, tilt - design @ (gram @ (design.T @ tilt)))
 
 
-def _tilt_rate(
-    x: Array, design: Array, gram: Array, duration: float, late: float, bench: Bench, spin: float
-) -> tuple[Any, Any]:
-    """Return the weights (n,) of the readings of tilt and coil voltages in the mean tilt rate of a window [rad/s].
-
-    A polynomial does not follow how the tilt loops answer the noise of its readings, least of all at the ends of the
-    window. Weighted by `_BUMP`, the mean rate follows from the tilt inside it (a modulating function: Shinbrot, NACA TN
-    3288, 1954). The torques of coils and flexures cause what the plain mean differs by; of other torques the row of the
-    window has the weighted mean, which equals the plain one for what is a cubic in time.
-
-    Parameters
-    ----------
-    x : ndarray (n,)
-        Times of the samples, -1 .. 1 in the window.
-    design : ndarray (n, terms)
-        Powers of x and waves that describe the readings; the waves are left out of both means.
-    gram : ndarray (terms, terms)
-        Inverse of the products of its columns.
-    duration : float
-        Length of the window [s].
-    late : float
-        By what the time of a voltage is late, in x.
-    bench : Bench
-        The bench.
-    spin : float
-        Mean spin rate [rad/s].
-    """
-    per_torque = 1j / (bench.precession_inertia * spin)
-    slope, excess = (_bump_mean(of, x, design, gram) for of in (_BUMP_SLOPE, _BUMP_EXCESS))
-    tilt = per_torque * tilting(bench)[1] * excess - 2.0 / duration * slope
-    return tilt, -per_torque * bench.value("coil_constant") * _bump_mean(_BUMP_EXCESS, x, design, gram, late)
-
-
-def _bump_mean(weight: Array, x: Array, design: Array, gram: Array, late: float = 0.0) -> Array:
-    """Return the weights (n,) of readings in their mean times a polynomial `weight`, without waves (`_tilt_rate`)."""
-    polyval = np.polynomial.polynomial.polyval
-    exact = np.zeros(design.shape[1])
-    powers = np.vander(_NODES + late, DEGREE + 1, increasing=True)
-    exact[: DEGREE + 1] = (_WEIGHTS * polyval(_NODES, weight)) @ powers
-    direct = polyval(x - late, weight) / len(x)
-    return np.asarray(direct + design @ (gram @ (exact - design.T @ direct)))
-
-
-@cache
-def _bump_noise(turns: int) -> tuple[float, float]:
-    """Return the mean squares of the weights of slope and excess (`_bump_mean`) in a window of some revolutions."""
-    x = np.linspace(-1.0, 1.0, 2 * _SAMPLES_OF_TURN * turns + 1)[1::2]
-    powers = np.vander(x, DEGREE + 1, increasing=True)
-    design = np.hstack([powers, _waves(math.pi * turns * x, powers[:, :MODULATION])])
-    gram = np.linalg.inv(design.T @ design)
-    rows = (_bump_mean(of, x, design, gram) for of in (_BUMP_SLOPE, _BUMP_EXCESS))
-    slope, excess = (float(row @ row) * len(x) for row in rows)
-    return slope, excess
-
-
-def planned_rate_variance(duration: float, samples: float, spin: float, bench: Bench) -> float:
-    """Return the variance of the mean tilt rate of a window of a plan, one axis [rad²/s²] (`_tilt_rate`).
-
-    `duration` [s] and `samples` are those of the window, `spin` is its spin rate [rad/s].
-    """
-    slope, excess = _bump_noise(max(round(duration * spin / (2.0 * math.pi)), FEWEST_REVOLUTIONS))
-    drive = (
-        bench.value("coil_constant") * bench.value("coil_voltage_noise") / (bench.precession_inertia * spin)
-    )
-    tilt = 2.0 / duration * bench.value("tilt_noise")
-    return (slope * tilt**2 + excess * drive**2) / samples
-
-
 def _of_speed(speed: Array, legendre: Any, waves: Array) -> tuple[Array, Array]:
     """Return the Legendre series of a speed, and what it and the waves leave of the speed."""
     design = np.hstack([legendre, waves])
@@ -444,49 +290,6 @@ def _drive(readings: Any, speed: Any, absent: frozenset[str], bench: Bench) -> t
     return per_volt * (readings[:, _MOTOR].real - constant * speed), per_volt, "motor_voltage_noise"
 
 
-def _acceleration(
-    series: Array, left: Array, drive: Array, x: Array, duration: float, *, of_speed: bool
-) -> float:
-    """Return the mean spin acceleration of a window [rad/s²].
-
-    The slopes of an angle at the ends of a window are noisy, and a polynomial does not follow how a fast spin loop
-    answers the noise of its readings. Weighted by 1 + cos(pi x), which begins and ends with zero and without a slope,
-    the mean acceleration follows from the angle itself (a modulating function: Shinbrot, NACA TN 3288, 1954). The motor
-    causes what the plain mean differs by: the other torques hardly change in a window.
-
-    Parameters
-    ----------
-    series : ndarray (terms,)
-        Legendre series of the speed [rad/s].
-    left : ndarray (n,)
-        What it leaves at the samples: of the angle [rad], or with `of_speed` of the speed [rad/s].
-    drive : ndarray (n,)
-        Acceleration that the motor causes at the samples [rad/s²].
-    x : ndarray (n,)
-        Times of the samples, -1 .. 1 in the window.
-    duration : float
-        Length of the window [s].
-    """
-    turn = 2.0 * math.pi / duration
-    wave = np.cos(math.pi * x)
-    slope = np.sin(math.pi * _NODES) * np.polynomial.legendre.legval(_NODES, series)
-    weighted = turn * float(_WEIGHTS @ slope)
-    if of_speed:
-        weighted += turn * float(np.mean(np.sin(math.pi * x) * left))
-    else:
-        weighted -= turn**2 * float(np.mean(wave * left))
-    return weighted - float(np.mean(wave * (drive - drive.mean())))
-
-
-def acceleration_variance(duration: float, samples: float, angle: float, drive: float) -> float:
-    """Return the variance of the mean spin acceleration of a window [rad²/s⁴] (`_acceleration`).
-
-    `angle` and `drive` are the deviations of white noise in a sample of the angle [rad], and of the acceleration that
-    the motor causes [rad/s²]; the `duration` of the window is in s.
-    """
-    return ((2.0 * math.pi / duration) ** 4 * angle**2 + drive**2) / (2.0 * samples)
-
-
 def _deviation(name: str, row: Any, noise: Array, factors: Mapping[str, Array]) -> float:
     """Return the deviation of the noise of a reading, as a combination `row` (n,) of its samples has it."""
     burst = _weighed(row, factors[name]) if factors else 1.0
@@ -505,13 +308,6 @@ def _shortened(series: Array, rise: float | None = None) -> Array:
     return np.asarray(_TO_POWERS @ short)
 
 
-def _waves(angle: Array, powers: Array) -> Array:
-    """Return cosine and sine of the orders `FORWARD` of an angle, each times the columns of `powers`: (n, terms)."""
-    wave = np.cos(angle) + 1j * np.sin(angle)
-    waves = (wave**order for order in FORWARD)
-    return np.hstack([part[:, None] * powers for wave in waves for part in (wave.real, wave.imag)])
-
-
 def _leaked(waves: Array, fit: Any, angle: Array, turns: int) -> complex:
     """Return what harmonics add to a mean by their change in the window, and by what it has beyond whole revolutions.
 
@@ -523,7 +319,7 @@ def _leaked(waves: Array, fit: Any, angle: Array, turns: int) -> complex:
     varying[:, 0] -= steady
     step = (angle[-1] - angle[0]) / (len(angle) - 1)
     beyond = len(angle) - 2.0 * math.pi * turns / step  # samples, up to half of one at the end
-    last = _waves(angle[-1:] + 0.5 * step * (1.0 - beyond), np.ones((1, 1)))[0]
+    last = waves_of(angle[-1:] + 0.5 * step * (1.0 - beyond), np.ones((1, 1)))[0]
     return complex(waves.mean(axis=0) @ varying.ravel() + beyond / len(angle) * (last @ steady))
 
 
@@ -548,20 +344,11 @@ def _wave_variance(gram: Array, mean: Array) -> Array:
     )
 
 
-def tilting(bench: Bench) -> tuple[float, float]:
-    """Return what resists a tilt, the mean of both axes: the moment of inertia [kg m²] and the stiffness [N m/rad]."""
-    v = bench.value
-    return (
-        v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x"),
-        0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")),
-    )
-
-
 def resistances(bench: Bench, spin_rate: Any) -> list[Any]:
     """Return the torque of a tilt over the tilt [N m/rad] at each of the orders `FORWARD` of a spin rate [rad/s]."""
-    inertia, stiffness = tilting(bench)
     return [
-        stiffness + (order * bench.precession_inertia - order**2 * inertia) * spin_rate**2
+        bench.flexure_stiffness
+        + (order * bench.precession_inertia - order**2 * bench.transverse_inertia) * spin_rate**2
         for order in FORWARD
     ]
 

@@ -73,6 +73,13 @@ MEAN = np.array([1.0 / (k + 1) if k % 2 == 0 else 0.0 for k in range(DEGREE + 1)
 RISE = np.array([2.0 if k % 2 else 0.0 for k in range(DEGREE + 1)])
 
 
+def waves_of(angle: Array, powers: Array) -> Array:
+    """Return cosine and sine of the orders `FORWARD` of an angle, each times the columns of `powers`: (n, terms)."""
+    wave = np.cos(angle) + 1j * np.sin(angle)
+    waves = (wave**order for order in FORWARD)
+    return np.hstack([part[:, None] * powers for wave in waves for part in (wave.real, wave.imag)])
+
+
 def still_row() -> dict[str, Any]:
     """Return the attributes of a window without motion, voltages, noise and temperatures, for `Windows.of`."""
     orders, harmonics = len(FORWARD), np.zeros((len(HARMONICS), MODULATION), dtype=complex)

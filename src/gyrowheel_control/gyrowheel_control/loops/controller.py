@@ -32,7 +32,7 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
     v = bench.value
     # one sample of delay and the hold of the voltage, and the lag of the derivative filter, at the nutation frequency
     lag = 2.0 * v("sample_period") + 1.0 / (2.0 * math.pi * gains.derivative_lowpass)
-    transverse = v("rotor_inertia_x") + 0.5 * v("gimbal_inertia_x")
+    transverse = bench.transverse_inertia
     return ControllerParameters(
         tilt_bandwidth=gains.tilt_bandwidth,
         tilt_integral=gains.tilt_integral,
@@ -43,7 +43,7 @@ def controller_parameters(bench: Bench, gains: Gains) -> ControllerParameters:
         spin_proportional=gains.spin_proportional * bench.axial_inertia,
         spin_integral=gains.spin_integral * bench.axial_inertia,
         spin_lowpass=gains.spin_lowpass,
-        stiffness=0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")),
+        stiffness=bench.flexure_stiffness,
         tuning_inertia=bench.tuning_inertia,
         spin_inertia=bench.precession_inertia,
         axial_inertia=bench.axial_inertia,

@@ -61,8 +61,7 @@ def holding_torque(bench: Bench, spin_rate: float, tilt: float) -> float:
 
     `spin_rate`: spin rate [rad/s]; `tilt`: tilt [rad].
     """
-    stiffness = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
-    return abs(stiffness - 0.5 * bench.tuning_inertia * spin_rate * spin_rate) * tilt
+    return abs(bench.flexure_stiffness - 0.5 * bench.tuning_inertia * spin_rate * spin_rate) * tilt
 
 
 def slew_rate(s: Segment) -> float:

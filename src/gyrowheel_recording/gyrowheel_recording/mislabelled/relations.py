@@ -111,7 +111,7 @@ def precession(a: Averages, bench: Bench) -> float:
     if not len(z):
         return 0.0
     v = bench.value
-    stiffness = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y"))
+    stiffness = bench.flexure_stiffness
     slewing = -1j * bench.precession_inertia * omega * rate
     r = omega / v("spin_rate_reference")
     own = v("rotor_inertia_x") + v("gimbal_inertia_x")

@@ -345,7 +345,7 @@ def _measures(bench: Bench) -> tuple[float, float, float, float]:
     """Return what sizes go with: torque [N m], tilt [rad], spin rate [rad/s] and current of the motor [A]."""
     v = bench.value
     tilt = v("tilt_reference")
-    torque = 0.5 * (v("flexure_stiffness_x") + v("flexure_stiffness_y")) * tilt
+    torque = bench.flexure_stiffness * tilt
     return torque, tilt, v("spin_rate_reference"), torque / v("motor_constant")
 
 

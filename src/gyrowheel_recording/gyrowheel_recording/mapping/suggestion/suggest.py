@@ -151,8 +151,7 @@ def _resistance(found: Mapping[str, Proposal], grid: Grid, bench: Bench) -> floa
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known] - x[known].mean(), y[known] - y[known].mean()
     per_rad = float(x @ y) / float(x @ x) if float(x @ x) else 0.0
-    stiff = 0.5 * (bench.value("flexure_stiffness_x") + bench.value("flexure_stiffness_y"))
-    volts = stiff / bench.value("coil_constant")
+    volts = bench.flexure_stiffness / bench.value("coil_constant")
     return float(f"{abs(volts / per_rad):.3g}") if per_rad else 1.0
 
 
