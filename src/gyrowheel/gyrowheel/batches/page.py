@@ -23,7 +23,7 @@ _VERDICTS = {
 
 def batch_page(rows: Sequence[Mapping[str, Any]]) -> Iterator[RenderableType]:
     """Yield the verdicts with the effects that were found, and the recordings that failed."""
-    counts = Counter((row["verdict"], row["effects"] or "", row["proven"] is False) for row in rows)
+    counts = Counter((row["verdict"], row["effects"] or "", row.get("proven") is False) for row in rows)
     table = words_table("verdict", "effects", "recordings", whole=(0,))
     table.columns[2].justify = "right"
     order = list(_VERDICTS)
