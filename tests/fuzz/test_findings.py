@@ -315,3 +315,11 @@ def test_another_signal_in_a_column_is_named_where_it_leaves_no_steady_motion(
     found = gw.diagnose(wrong, model)
     assert found.verdict == "insufficient_data"
     assert [own.kind for own in found.setup] == ["foreign"]
+
+
+def test_a_rotor_whose_spin_rate_reads_zero_is_a_wrong_setup(tmp_path: Path) -> None:
+    """The mean tilt rate of a window divided by its spin rate."""
+    whole = machine_recording(tmp_path / "whole", lacking=False)
+    wrong = gw.Recording.open(written(whole, ["measurement times spin_rate 0"], tmp_path / "run"))
+    found = gw.compare(wrong, gw.Model("gyrowheel"))
+    assert [own.kind for own in found.setup] == ["stuck"]

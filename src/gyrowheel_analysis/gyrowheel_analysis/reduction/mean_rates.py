@@ -23,6 +23,8 @@ _SAMPLES_OF_TURN = 32  # of a planned window: its noise hardly depends on them
 _BUMP = np.array([0.625, 0.0, 3.75, 0.0, -4.375])
 _BUMP_SLOPE = np.polynomial.polynomial.polyder(_BUMP)
 _BUMP_EXCESS = np.polynomial.polynomial.polysub(_BUMP, [1.0])
+#: Share of the lowest spin rate of a test: a torque moves a rotor that turns more slowly, or backwards, as at this one.
+_SLOWEST = 0.01
 
 #: Nodes of a mean over a window, and their weights.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -54,7 +56,7 @@ def tilt_rate_weights(
     spin : float
         Mean spin rate [rad/s].
     """
-    per_torque = 1j / (bench.precession_inertia * spin)
+    per_torque = 1j / (bench.precession_inertia * max(spin, _SLOWEST * bench.value("spin_rate_minimum")))
     slope, excess = (_bump_mean(of, x, design, gram) for of in (_BUMP_SLOPE, _BUMP_EXCESS))
     tilt = per_torque * bench.flexure_stiffness * excess - 2.0 / duration * slope
     return tilt, -per_torque * bench.value("coil_constant") * _bump_mean(_BUMP_EXCESS, x, design, gram, late)

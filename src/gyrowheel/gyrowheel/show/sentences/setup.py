@@ -87,7 +87,9 @@ def _what(found: WrongSetup) -> str:
         shift = f"{abs(seconds):.2f} s {way} relative to the other readings"
         return f"{names}{other} {verb} {shift}, or of another recording"
     if found.kind == "stuck":
-        return f"{names} stays at {found.value:.6g} [SI]"
+        from gyrowheel_recording.mapping.map_file import READINGS
+
+        return f"{names} stays at {quantity(found.value, READINGS[found.columns[0]].unit)}"
     if found.kind == "held":
         return f"{names} {verb} new in {every(found.value)} sample only"
     if found.kind == "foreign" and len(found.columns) == 1:
