@@ -1,13 +1,18 @@
 """Long arrays block by block."""
 
+import errno
+import mmap
+import os
 import threading
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from gyrowheel_core.arrays import by_blocks, running_mean
+from gyrowheel_core import arrays, cache
+from gyrowheel_core.arrays import by_blocks, running_mean, zeros
 
 
 @pytest.mark.parametrize("count", [0, 1, 9, 10, 11, 95])
@@ -36,3 +41,30 @@ def test_running_mean_is_that_of_scipy(size: int, beyond: Literal["edge", "symme
     assert running_mean(values, size, beyond) == pytest.approx(
         uniform_filter1d(values, size, mode=mode), abs=1e-12
     )
+
+
+@pytest.fixture
+def large_from_80_bytes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    monkeypatch.setenv(cache.VARIABLE, str(tmp_path))
+    monkeypatch.setattr(arrays, "IN_MEMORY", 79)
+    return tmp_path
+
+
+def test_a_large_array_lies_in_a_file_that_has_no_name(large_from_80_bytes: Path) -> None:
+    small, large = (zeros(count, np.dtype(np.float64)) for count in (9, 10))
+    assert small.base is None
+    assert isinstance(large.base, mmap.mmap)
+    assert not large.any()
+    large[:] = 1.0
+    assert large.sum() == 10.0
+    assert not list(large_from_80_bytes.iterdir())
+
+
+def test_a_large_array_lies_in_memory_where_the_disk_is_full(
+    large_from_80_bytes: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    assert zeros(10, np.dtype(np.float64)).base is None

@@ -18,7 +18,7 @@ import mcap.writer
 import numpy as np
 import pytest
 
-from gyrowheel_core import topics, wire
+from gyrowheel_core import arrays, topics, wire
 from gyrowheel_core.errors import InputError
 from gyrowheel_core.files import LARGEST_VARIABLE
 from gyrowheel_recording.bags import Recording, write_run
@@ -137,8 +137,10 @@ def test_compiled_loops_alone_read_an_own_recording(own, monkeypatch):
         read(own, {"compiled": False})
 
 
-def test_recording_comes_back_exactly(own, run, monkeypatch):
-    """Also as rows that were laid out once: nothing is copied."""
+@pytest.mark.parametrize("in_memory", [arrays.IN_MEMORY, 1000])
+def test_recording_comes_back_exactly(own, run, in_memory, monkeypatch):
+    """Also as rows that were laid out once: nothing is copied, in the memory or on disk."""
+    monkeypatch.setattr(arrays, "IN_MEMORY", in_memory)
     monkeypatch.setattr(reader, "_threads", lambda size: 2)
     assert_holds(Recording.open(own.parent), run)
     (topic,) = (t for t in read_mcap(own, WANTED) if t.name == topics.MEASUREMENT.name)

@@ -1,9 +1,11 @@
-"""Process long arrays in chunks that fit the cache of the processor, and structured arrays as plain bytes."""
+"""Arrays longer than the memory, work on long arrays in blocks, and structured arrays as plain bytes."""
 
 from __future__ import annotations
 
 import contextlib
+import mmap
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal, TypeVar
@@ -12,11 +14,30 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
+from gyrowheel_core import cache
+
 _T = TypeVar("_T")
 
 #: Rows of a block: some megabytes of columns.
 ROWS = 1 << 15
 _MOST_THREADS = 4
+#: Larger arrays lie in a file [bytes]: three hours of the bench's samples.
+IN_MEMORY = 2 << 30
+
+
+def zeros(count: int, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    """Return zeros, shape (n,).
+
+    More than `IN_MEMORY` of them lie in a file without a name in the user's cache, if the disk has room: the system can
+    take its pages out of the memory while nobody needs them, so that hours of samples leave room for their analysis.
+    """
+    size = count * dtype.itemsize
+    if size > IN_MEMORY:
+        with contextlib.suppress(OSError), tempfile.TemporaryFile(dir=cache.folder()) as file:
+            # what is reserved cannot be missing when it is written, which would end the process
+            os.posix_fallocate(file.fileno(), 0, size)
+            return np.ndarray((count,), dtype, buffer=mmap.mmap(file.fileno(), size))
+    return np.zeros(count, dtype)
 
 
 def by_blocks(count: int, work: Callable[[int, int], _T], rows: int = ROWS) -> list[_T]:

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from gyrowheel_core import wire
-from gyrowheel_core.arrays import everywhere, gathered
+from gyrowheel_core.arrays import everywhere, gathered, zeros
 from gyrowheel_core.errors import InputError, one_line
 from gyrowheel_core.wire import Layout
 from gyrowheel_recording.bags.mcap.batches import TopicData, Want, joined
@@ -148,7 +148,7 @@ def columns(topic: TopicData | None, layout: Layout, where: str) -> npt.NDArray[
     pieces, topic.pieces = topic.pieces[::-1], []
     if not any(isinstance(piece, list) for piece in pieces) and (whole := joined(pieces[::-1])) is not None:  # type: ignore[arg-type]
         return whole
-    result = np.zeros(topic.count, dtype)
+    result = zeros(topic.count, dtype)
     decode = None
     k = 0
     while pieces:

@@ -12,7 +12,8 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from gyrowheel_core.files import largest_unpacked, require_room
+from gyrowheel_core.arrays import zeros
+from gyrowheel_core.files import require_room
 from gyrowheel_recording.bags.mcap import (
     MAGIC,
     MESSAGE_HEAD_DTYPE,
@@ -306,7 +307,7 @@ class TopicData:
     times: list[npt.NDArray[np.int64]] = field(default_factory=list)
     #: The messages in the order of the file: as rows where possible, else serialized.
     pieces: list[Rows | list[bytes]] = field(default_factory=list)
-    expected: int = 0  # how many messages the file states; nothing relies on it
+    expected: int = 0  # how many messages the file states, at most its bytes; nothing relies on it
     _fits: bool | None = None
     _block: Rows | None = None
     _used: int = 0  # rows of it
@@ -344,10 +345,8 @@ class TopicData:
 
     def _new_block(self, row: np.dtype[Any], count: int) -> Rows:
         if self._block is None:
-            # only what is written takes memory, so that a false number costs nothing
-            stated = min(self.expected, largest_unpacked() // row.itemsize)
             try:
-                return np.zeros(max(stated, count), row)
+                return zeros(max(self.expected, count), row)
             except MemoryError:
                 pass
         return np.zeros(max(_BLOCK // row.itemsize, count), row)

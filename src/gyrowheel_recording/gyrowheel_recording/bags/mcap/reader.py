@@ -224,7 +224,7 @@ class _File:
             number, of = fields.number("<H"), fields.number("<H")
             type_name, encoding, text = self._schemas.get(of, ("", "", ""))
             topic = TopicData(fields.text(), type_name, fields.text(), encoding, text)
-            topic.expected = self._stated.get(number, 0)
+            topic.expected = min(self._stated.get(number, 0), self._size)
             if number not in self._topics:
                 self._keep_declaration(contents)
             before = self._topics.setdefault(number, topic)
