@@ -15,6 +15,7 @@ import pytest
 from gyrowheel_analysis.add import add_effect
 from gyrowheel_analysis.channels import DRIFTS
 from gyrowheel_analysis.compare import compare
+from gyrowheel_analysis.diagnosis import diagnose as diagnose_module
 from gyrowheel_analysis.diagnosis import explanation, kept_explanation
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.explanation import Explanation, SearchEnded, unexplained
@@ -49,8 +50,13 @@ def unused(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 @pytest.fixture(autouse=True)
 def _kept(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Keep everything, also what is found quickly, as in a short recording."""
+    """Keep every explanation, also what is found quickly, as in a short recording, and no diagnosis."""
     monkeypatch.setattr(kept_explanation, "_WORTH", 0.0)
+    monkeypatch.setattr(diagnose_module, "_key", _no_key)
+
+
+def _no_key(*_: Any) -> str:
+    raise LookupError
 
 
 @pytest.fixture

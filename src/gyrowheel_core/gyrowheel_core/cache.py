@@ -13,17 +13,23 @@ import importlib.util
 import io
 import math
 import os
+import pickle
 import re
 import secrets
 import stat
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+_T = TypeVar("_T")
+
+#: Errors of what cannot be pickled, or was pickled by a version that has its classes elsewhere.
+UNREADABLE = (pickle.PickleError, ImportError, AttributeError, TypeError, EOFError, LookupError)
 #: Environment variable that names the folder.
 VARIABLE = "GYROWHEEL_CACHE"
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
@@ -144,6 +150,35 @@ def write(name: str, content: bytes) -> None:
     except OSError:
         with contextlib.suppress(OSError):
             written.unlink(missing_ok=True)
+
+
+def computed(
+    prefix: str, key: str, most: int, compute: Callable[[], _T], keep: Callable[[_T], bool] = bool
+) -> _T:
+    """Return a result from the cache; compute and keep it if it is not there, or no longer readable.
+
+    Parameters
+    ----------
+    prefix, key : str
+        Name of the entry; `key` differs where anything differs that decides the result.
+    most : int
+        Number of entries with this prefix that are kept, the latest ones.
+    compute : callable
+        Computes the result.
+    keep : callable
+        Whether a result is kept; by default one that is not empty.
+    """
+    name = prefix + key
+    if (content := read(name)) is not None:
+        with contextlib.suppress(*UNREADABLE):
+            found: _T = pickle.loads(content)
+            return found
+    found = compute()
+    if keep(found):
+        with contextlib.suppress(*UNREADABLE):
+            write(name, pickle.dumps(found))
+            keep_latest(prefix, most)
+    return found
 
 
 def keep_latest(prefix: str, most: int, size: float = math.inf) -> None:

@@ -45,7 +45,7 @@ from gyrowheel_analysis.diagnosis.findings import (
     TieReport,
 )
 from gyrowheel_analysis.diagnosis.free_forms import places, whole_exponents, with_exponents
-from gyrowheel_analysis.diagnosis.kept_explanation import explanation_of
+from gyrowheel_analysis.diagnosis.kept_explanation import code_key, explanation_of
 from gyrowheel_analysis.diagnosis.limits import beyond, unusual
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, prove
 from gyrowheel_analysis.diagnosis.proof_result import Proof
@@ -62,6 +62,7 @@ from gyrowheel_analysis.reduction.windows import concatenate
 from gyrowheel_analysis.residuals.error_table import errors_of, window_residuals
 from gyrowheel_analysis.residuals.growth import growth
 from gyrowheel_analysis.residuals.maps import regions
+from gyrowheel_core import cache
 from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording
 from gyrowheel_recording.mislabelled.find import wrong_setups
@@ -73,6 +74,8 @@ from gyrowheel_sim.parameter import Parameter
 
 #: Channels of the instruments, as the parameters of the bench begin.
 _CHANNELS = ("tilt", "spin_angle", "coil_voltage", "motor_voltage", "motor_current")
+
+_MOST = 200  # kept diagnoses; one of an hour has some megabytes
 
 
 @one_thread()
@@ -105,34 +108,58 @@ def diagnose(
     """
     began = clock.monotonic()
     say = progress or (lambda text: None)
-    paths = [str(r.path) for r in recordings]
     say("looking at the setup")
-    if wrong := wrong_setups([*recordings, *validate], model.reference_bench, mixed=mixed):
-        found = Diagnosis("insufficient_data", 0, (), "", setup=tuple(wrong))
+
+    def search() -> Diagnosis:
+        return _diagnosed(recordings, model, validate, averages, mixed, say)
+
+    try:
+        key = _key(recordings, model, validate, averages, mixed)
+    except cache.UNREADABLE:  # an effect of another package, for example
+        found = search()
     else:
-        try:
-            first = prepare(recordings, model, validate=validate, harmonics=not averages, progress=progress)
-        except TooFewWindowsError as few:
-            found = Diagnosis("insufficient_data", few.windows, (), "", coverage=few.coverage)
-        else:
-            if wrong_values := misstated(model, first.problem):
-                found = Diagnosis("insufficient_data", first.windows, (), "", misstated=wrong_values)
-                return _named(found, paths, model, began)
-            say("looking for missing effects")
-            explanation = supported(explanation_of(first, recordings, progress), validate)
-            say("judging ties, limits and the next test")
-            found = _judged(explanation, recordings, validate)
-            if _leaves_something(found) and not found.ended:
-                say("fitting a map of the missing torque")
-                if (corrected := correct(explanation, tuple(paths))) is not None:
-                    found = _with_map(found, corrected, validate)
-    return _named(found, paths, model, began)
-
-
-def _named(found: Diagnosis, paths: Sequence[str], model: Model, began: float) -> Diagnosis:
-    """Return a diagnosis with what it is of."""
+        found = cache.computed("diagnosis_", key, _MOST, search, lambda own: not own.ended)
     seconds = clock.monotonic() - began
-    return replace(found, recordings=tuple(paths), model=model.origin, seconds=seconds, versions=_versions())
+    paths = tuple(str(own.path) for own in recordings)
+    return replace(found, recordings=paths, model=model.origin, seconds=seconds, versions=_versions())
+
+
+def _key(
+    recordings: Sequence[Recording], model: Model, validate: Sequence[Recording], averages: bool, mixed: bool
+) -> str:
+    """Return a short name of all that decides a diagnosis: events and setups name the recordings."""
+    about = [[(str(own.path), own.content) for own in sets] for sets in (recordings, validate)]
+    described = (model.stated_bench.stated, model.to_mapping(), averages, mixed)
+    return cache.digest(code_key(model.library, model.declared), repr(about), repr(described))
+
+
+def _diagnosed(
+    recordings: Sequence[Recording],
+    model: Model,
+    validate: Sequence[Recording],
+    averages: bool,
+    mixed: bool,
+    say: Callable[[str], None],
+) -> Diagnosis:
+    """Return the diagnosis without what it is of; see `diagnose`."""
+    if wrong := wrong_setups([*recordings, *validate], model.reference_bench, mixed=mixed):
+        return Diagnosis("insufficient_data", 0, (), "", setup=tuple(wrong))
+    try:
+        first = prepare(recordings, model, validate=validate, harmonics=not averages, progress=say)
+    except TooFewWindowsError as few:
+        return Diagnosis("insufficient_data", few.windows, (), "", coverage=few.coverage)
+    if wrong_values := misstated(model, first.problem):
+        return Diagnosis("insufficient_data", first.windows, (), "", misstated=wrong_values)
+    say("looking for missing effects")
+    explanation = supported(explanation_of(first, recordings, say), validate)
+    say("judging ties, limits and the next test")
+    found = _judged(explanation, recordings, validate)
+    if _leaves_something(found) and not found.ended:
+        say("fitting a map of the missing torque")
+        paths = tuple(str(own.path) for own in recordings)
+        if (corrected := correct(explanation, paths)) is not None:
+            found = _with_map(found, corrected, validate)
+    return found
 
 
 def _judged(

@@ -14,7 +14,7 @@ import io
 import pickle
 import time
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -23,12 +23,13 @@ import numpy as np
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.diagnosis.explanation import Explanation, explained
 from gyrowheel_analysis.fitting.fit import Unknowns
-from gyrowheel_analysis.fitting.kept_windows import CODE, UNREADABLE
+from gyrowheel_analysis.fitting.kept_windows import CODE
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.preparation import Prepared, Progress
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_core import cache
 from gyrowheel_recording.bags import Recording
+from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.library import LIBRARY
 
 _PREFIX = "explanation_"
@@ -45,17 +46,17 @@ def explanation_of(
     first = dataclasses.replace(prepared, validation=None)
     try:
         name = _PREFIX + _key(first, recordings)
-    except UNREADABLE:  # an effect of another package, for example
+    except cache.UNREADABLE:  # an effect of another package, for example
         return explained(first, recordings, progress).validated_by(prepared.validation)
     if (content := cache.read(name)) is not None:
-        with contextlib.suppress(*UNREADABLE):
+        with contextlib.suppress(*cache.UNREADABLE):
             found, columns = _Reader(content, first).load()
             first.problem.prediction.know(columns)
             return found.validated_by(prepared.validation)
     began = time.monotonic()
     found = explained(first, recordings, progress)
     if time.monotonic() - began > _WORTH and not found.ended:
-        with contextlib.suppress(*UNREADABLE):
+        with contextlib.suppress(*cache.UNREADABLE):
             cache.write(name, _Writer(first).dumped((found, first.problem.prediction.known)))
             cache.keep_latest(_PREFIX, _MOST, _BYTES)
     return found.validated_by(prepared.validation)
@@ -64,20 +65,30 @@ def explanation_of(
 def _key(first: Prepared, recordings: Sequence[Recording]) -> str:
     """Return a short name of all that decides an explanation."""
     unknowns, bench = first.problem.unknowns, first.problem.bench
-    own = {effect.name for effect in LIBRARY} - unknowns.declared.keys()
-    foreign = {name: effect for name, effect in unknowns.library.items() if name not in own}
     about: list[Any] = [
-        bench.stated, unknowns.known, unknowns.known_errors, unknowns.assumed, sorted(foreign),
-        first.problem.noise.scales,
+        bench.stated, unknowns.known, unknowns.known_errors, unknowns.assumed, first.problem.noise.scales
     ]  # fmt: skip
-    parts = [cache.files_of(*CODE), *map(version, _LIBRARIES)]
-    parts += [recording.content for recording in recordings]
+    parts = [code_key(unknowns.library, unknowns.declared), *(recording.content for recording in recordings)]
     for balance in first.problem.balances:
         about.append((balance.harmonics, sorted(balance.absent), balance.assumed, balance.phase_error))
         # hum that another recording shows is in the noise of these windows
         every = (getattr(balance.windows, field.name) for field in dataclasses.fields(balance.windows))
         parts += [np.ascontiguousarray(values).tobytes().hex() for values in every]
-    return cache.digest(*parts, repr(about), pickle.dumps(list(foreign.values())).hex())
+    return cache.digest(*parts, repr(about))
+
+
+def code_key(library: Mapping[str, Effect], declared: Collection[str]) -> str:
+    """Return a short name of the code of an analysis, and of those effects of a library that are not of this project.
+
+    Raises
+    ------
+    One of `cache.UNREADABLE`
+        If such an effect cannot be described.
+    """
+    own = {effect.name for effect in LIBRARY} - set(declared)
+    foreign = {name: effect for name, effect in library.items() if name not in own}
+    described = repr(sorted(foreign)), pickle.dumps(list(foreign.values())).hex()
+    return cache.digest(cache.files_of(*CODE), *map(version, _LIBRARIES), *described)
 
 
 def _known(first: Prepared) -> Iterator[tuple[str, Any]]:

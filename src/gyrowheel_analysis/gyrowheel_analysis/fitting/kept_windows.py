@@ -6,8 +6,6 @@ the code. So it is never out of date; a damaged one is computed again.
 
 from __future__ import annotations
 
-import contextlib
-import pickle
 from typing import NamedTuple
 
 import numpy as np
@@ -24,8 +22,6 @@ _PREFIX = "windows_"
 _MOST = 200  # entries; one of an hour has some megabytes
 #: Packages on which every kept result depends.
 CODE = ("gyrowheel_core", "gyrowheel_sim", "gyrowheel_control", "gyrowheel_recording", "gyrowheel_analysis")
-#: Errors of what cannot be pickled, or was pickled by a version that has its classes elsewhere.
-UNREADABLE = (pickle.PickleError, ImportError, AttributeError, TypeError, EOFError, LookupError)
 
 
 class Reduced(NamedTuple):
@@ -38,14 +34,10 @@ class Reduced(NamedTuple):
 
 def reduced(recording: Recording, samples: Samples, bench: Bench) -> Reduced:
     """Return a reduced recording, from the cache if it was reduced before; `samples` are its columns."""
-    name = _PREFIX + cache.digest(
-        cache.files_of(*CODE), np.__version__, recording.content, repr(bench.stated)
-    )
-    if (kept := cache.read(name)) is not None:
-        with contextlib.suppress(*UNREADABLE):
-            return Reduced(*pickle.loads(kept))
-    windows, coverage = reduce_and_account(samples, bench)
-    found = Reduced(windows, coverage, look(samples, windows, bench))
-    cache.write(name, pickle.dumps(tuple(found)))
-    cache.keep_latest(_PREFIX, _MOST)
-    return found
+    key = cache.digest(cache.files_of(*CODE), np.__version__, recording.content, repr(bench.stated))
+
+    def reduce_it() -> Reduced:
+        windows, coverage = reduce_and_account(samples, bench)
+        return Reduced(windows, coverage, look(samples, windows, bench))
+
+    return cache.computed(_PREFIX, key, _MOST, reduce_it)
