@@ -34,8 +34,9 @@ HOUSE = (
         "gyrowheel_core",
         "no physics: what every package uses",
         (
-            ("arrays", "errors", "wire", "cache"),
+            ("errors", "wire", "cache"),
             (
+                "arrays",
                 "units",
                 "files",
                 "schema",

@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 
 from gyrowheel.cli.app import app
 from gyrowheel.simulation.scenario import noise_seed
+from gyrowheel_analysis.diagnosis import diagnose as kept_diagnosis
 from gyrowheel_analysis.diagnosis import explanation, kept_explanation
 from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags import Recording
@@ -432,7 +433,8 @@ def test_ctrl_c_ends_a_search_with_what_it_has(
         signal.raise_signal(signal.SIGINT)
 
     # no search of another test
-    monkeypatch.setattr(kept_explanation, "_key", lambda *_: f"key_of_{tmp_path.name}")
+    for module in (kept_explanation, kept_diagnosis):
+        monkeypatch.setattr(module, "_key", lambda *_: f"key_of_{tmp_path.name}")
     monkeypatch.setattr(explanation, "_explained", interrupted)
     shown = gyrowheel("diagnose", wheel.recording, "--model", wheel.model)
     assert shown.code == 130
@@ -442,6 +444,19 @@ def test_ctrl_c_ends_a_search_with_what_it_has(
 
 
 # ---- the model file
+
+
+def test_a_file_of_another_kind_is_named(gyrowheel: Shell, tmp_path: Path) -> None:
+    model, bench, plan = (tmp_path / f"{name}.yaml" for name in ("model", "bench", "plan"))
+    gyrowheel.good("model", "new", "--model", model)
+    gyrowheel.good("bench", "--new", bench)
+    plan.write_text("schema: 1\nname: own\nsegments: []\n", encoding="utf-8")
+    assert_refused(
+        gyrowheel("model", "show", "--model", bench), f"{bench}: is a bench file; allowed: a model file"
+    )
+    assert_refused(gyrowheel("bench", "--bench", model), f"{model}: is a model file; allowed: a bench file")
+    assert_refused(gyrowheel("bench", "--bench", plan), f"{plan}: is a plan; allowed: a bench file")
+    assert_refused(gyrowheel("plans", model), f"{model}: is a model file; allowed: a plan")
 
 
 @pytest.mark.slow

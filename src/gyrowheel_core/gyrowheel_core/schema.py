@@ -119,6 +119,12 @@ def refuse(said: str, field: str = "") -> NoReturn:
     raise PydanticCustomError(_OWN, "{said}", {"said": said, "field": field})
 
 
+#: Kinds of files, each with a field that every file of the kind has, and no earlier kind.
+_MARKS: Final = {
+    "plan": "segments", "bench file": "parameters", "map file": "columns", "model file": "bench"
+}  # fmt: skip
+
+
 def check(
     schema: type[S], content: Any, where: str, *, kind: str = "", separator: str = ": ", every: bool = False
 ) -> S:
@@ -151,6 +157,9 @@ def check(
         return schema.model_validate(content)
     except ValidationError as error:
         told = list(itertools.islice(_told(schema, error), None if every else 1))
+    others = [name for name, mark in _MARKS.items() if kind in _MARKS and mark in content]
+    if others and kind not in others:
+        raise InputError(f"{where}: is a {others[0]}; allowed: a {kind}")
     found = [f"{'.'.join(place)}: {said}" if place else said for place, said in told]
     raise InputError(f"{where}{separator if told[0].place else ': '}{joined(found)}")
 
