@@ -76,3 +76,12 @@ def test_noise_of_an_average_includes_the_voltages_that_were_not_sampled(every: 
         assert said == pytest.approx(2e-3 / np.sqrt(1000))
     else:  # not too small; the noise of a loop is stronger at high frequencies than this one
         assert scatter < 1.1 * said < 2.2 * scatter
+
+
+def test_the_period_of_another_rate_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is asked for at every window: an hour at half the bench's rate took minutes for it."""
+    data, period = recorded(LOOP, every=2)
+    steps, calls = Samples._steps, []
+    monkeypatch.setattr(Samples, "_steps", lambda self: calls.append(1) or steps(self))
+    assert [data.period(LOOP) for _ in range(5)] == pytest.approx([period] * 5)
+    assert len(calls) == 2

@@ -106,12 +106,19 @@ class Samples:
         one = self._usual_step
         if math.isnan(one) or abs(one / stated - 1.0) < _SAME_RATE:
             return stated
+        return self._mean_step
+
+    # cached: both are asked for once a window, and take all samples
+
+    @cached_property
+    def _mean_step(self) -> float:
+        """Mean time from one sample to the next one [s], of the steps that are about the usual one."""
         steps = self._steps()
-        return float(np.mean(steps[np.abs(steps / one - 1.0) < 0.5]))
+        return float(np.mean(steps[np.abs(steps / self._usual_step - 1.0) < 0.5]))
 
     @cached_property
     def _usual_step(self) -> float:
-        """Median time from one sample to the next one [s], NaN for a single sample; cached, as sorting takes long."""
+        """Median time from one sample to the next one [s], NaN for a single sample."""
         steps = self._steps()
         return float(np.median(steps, overwrite_input=True)) if len(steps) else math.nan
 
