@@ -21,6 +21,8 @@ from .machines import BENCH, hidden_machine, record
 from .test_kept_explanation import CROSS, facts
 from .test_problem import SHORT
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:

@@ -43,6 +43,9 @@ from gyrowheel_recording.bags import load_loops
 _LARGEST = 1 << 20  # largest request [bytes]
 _PATIENCE = 60.0  # s for the head of a request, and between two of a connection
 _MOST_CONNECTIONS = 200
+#: Connections that may wait for the loop; the system drops those beyond, which ask again after 1, 3, 7 ...
+#: seconds.
+_WAITING = 1024
 _NO_ROOM = 0.05  # s until a connection is tried again that found no free descriptor
 _BEAT = 15.0  # s between heartbeats to a waiting page
 _BEAT_FRAMES = 40  # pieces of a stream without a sample after which an empty one is sent
@@ -493,7 +496,9 @@ def application(session: Session, access: Access) -> Application:
 
 
 class _Listening(socket.socket):
-    """A socket that listens: without a free descriptor it waits, where the loop would ask again at once."""
+    """A socket that listens: without a free descriptor `relieve` closes a connection, if there is one to be closed."""
+
+    relieve: Callable[[], bool]
 
     def accept(self) -> tuple[socket.socket, Any]:
         try:
@@ -501,7 +506,8 @@ class _Listening(socket.socket):
         except OSError as error:
             if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
                 raise
-            time.sleep(_NO_ROOM)
+            if not self.relieve():
+                time.sleep(_NO_ROOM)  # the loop would ask again at once
             raise BlockingIOError from None
 
 
@@ -510,11 +516,20 @@ class _Connections(HTTPServer):
 
     def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
         """Serve a connection, and close the oldest ones beyond the limit."""
-        self._streams: list[IOStream] = [own for own in getattr(self, "_streams", ()) if not own.closed()]
-        self._streams.append(stream)
+        self._streams = [*self._open(), stream]
         for own in self._streams[: -_most_connections()]:
             own.close()
         super().handle_stream(stream, address)
+
+    def relieve(self) -> bool:
+        """Close the oldest connection; return False if there is none."""
+        found = self._open()
+        for own in found[:1]:
+            own.close()
+        return bool(found)
+
+    def _open(self) -> list[IOStream]:
+        return [own for own in getattr(self, "_streams", ()) if not own.closed()]
 
 
 def _most_connections() -> int:
@@ -550,7 +565,9 @@ class Server:
         try:
             if _is_every(place):
                 raise InputError(f"address: {address!r} is every address; name one of this computer")
-            self._sockets = [_Listening(fileno=own.detach()) for own in bind_sockets(port, place)]
+            self._sockets = [
+                _Listening(fileno=own.detach()) for own in bind_sockets(port, place, backlog=_WAITING)
+            ]
         except (OSError, UnicodeError) as error:
             why = getattr(error, "strerror", None) or error
             raise InputError(f"port {port} of {address} cannot be used: {why}") from None
@@ -591,6 +608,8 @@ class Server:
             max_buffer_size=2 * _LARGEST,
             idle_connection_timeout=_PATIENCE,
         )
+        for own in self._sockets:
+            own.relieve = server.relieve
         server.add_sockets(self._sockets)
         self._ready.set()
         await self._end.wait()
