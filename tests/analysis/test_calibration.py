@@ -125,6 +125,7 @@ def test_too_little_motion_is_refused(tmp_path: Path):
         calibrate([record(tmp_path, "short", hidden_machine(1, {}), Plan.load(text))], Model.new())
 
 
+@pytest.mark.slow
 def test_calibrated_constants_enter_the_model_and_can_be_undone(
     calibrated: tuple[Scenario, list[Recording], Calibration], tmp_path: Path
 ):

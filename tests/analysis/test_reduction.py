@@ -160,6 +160,7 @@ def test_motion_at_the_edge_of_a_window_is_no_spike(samples: Samples) -> None:
     assert np.mean(sizes > 4.5) < 0.01
 
 
+@pytest.mark.slow
 def test_loops_that_answer_a_noisy_tilt_reading_add_no_noise_to_the_averages(tmp_path: Path) -> None:
     noisy = BENCH.with_values({"tilt_noise": 5.0 * BENCH.value("tilt_noise")})
     values = noisy.values() | {"coil_voltage_drift": 0.0}

@@ -115,6 +115,7 @@ def test_forked_nodes_end_as_nodes_that_are_started_alone(tmp_path: Path) -> Non
         assert name == "waits" or "an error" in lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["closed", "killed"])
 def test_the_launcher_ends_with_its_starter(how: str, tmp_path: Path) -> None:
     launcher = launch(tmp_path, "waits")

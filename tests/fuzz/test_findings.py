@@ -317,6 +317,7 @@ def test_another_signal_in_a_column_is_named_where_it_leaves_no_steady_motion(
     assert [own.kind for own in found.setup] == ["foreign"]
 
 
+@pytest.mark.slow
 def test_a_rotor_whose_spin_rate_reads_zero_is_a_wrong_setup(tmp_path: Path) -> None:
     """The mean tilt rate of a window divided by its spin rate."""
     whole = machine_recording(tmp_path / "whole", lacking=False)

@@ -50,6 +50,7 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_page, "picture", lambda _, title: Picture("data:image/svg+xml;base64,", title))
 
 
+@pytest.mark.slow
 def test_every_number_agrees_with_the_diagnosis(gyrowheel: Shell, wheel: Wheel, page: Page) -> None:
     asked = ("diagnose", wheel.recording, "--model", wheel.model, "--validate", wheel.other, "--json", "-")
     assert page.content["diagnosis"] == gyrowheel.good(*asked).json

@@ -59,6 +59,7 @@ def test_the_trace_of_a_bench_keeps_the_extremes_of_each_bin_for_a_minute() -> N
     assert (piece["first"], [row[low] for row in piece["rows"]]) == (0, [3.0])
 
 
+@pytest.mark.slow
 def test_running_benches_appear_and_their_holds_arrive(wheel: Wheel) -> None:
     rclpy = pytest.importorskip("rclpy", reason="ROS is not installed")
     from rclpy.context import Context
