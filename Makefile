@@ -10,6 +10,8 @@ PYTHON ?= python3
 SEED ?= 1
 # Two more than there are cores: nodes, browsers and processes that end are waited for a third of the time.
 WORKERS ?= $(shell expr $$(nproc) + 2)
+# The fast tests wait for little, and a worker takes four seconds to begin.
+FEWER_WORKERS ?= $(shell expr $$(nproc) + 1)
 MINUTES ?= 5
 
 BIN := .venv/bin
@@ -93,7 +95,7 @@ else
 endif
 
 quick: lint ## lint, and the tests that are neither slow nor start nodes: for every commit
-	@$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal -m 'not slow and not graph'
+	@$(BIN)/python -m pytest -n $(FEWER_WORKERS) --dist worksteal -m 'not slow and not graph'
 
 studies: $(DONE)/packages ## run further cases of what the tests show, before a release (ARGS="-k events" picks some)
 	@$(BIN)/python -m pytest --studies -n $(WORKERS) --dist worksteal $(ARGS)
