@@ -15,6 +15,7 @@ from gyrowheel_analysis.diagnosis.explanation import SearchEnded
 from gyrowheel_analysis.model import Model
 from gyrowheel_control.plans.plan import Plan
 from gyrowheel_recording.bags import Recording
+from gyrowheel_sim.effects import EffectValues
 from gyrowheel_sim.effects.user_defined_line import typed_effect
 
 from .machines import BENCH, hidden_machine, record
@@ -50,6 +51,19 @@ def test_the_same_diagnosis_is_searched_once(recording: Recording, searches: lis
     assert len(searches) == 1
     assert facts(again) == facts(replace(first, model="other.yaml"))
     assert again.seconds < first.seconds
+
+
+@pytest.mark.parametrize("effects", [{}, CROSS], ids=["nothing missing", "an effect"])
+def test_a_quick_diagnosis_is_the_same_without_limits_and_next_test(
+    effects: EffectValues, recording: Recording, cache_folder: Path
+) -> None:
+    """Where nothing was found, what could hide is part of the verdict."""
+    model = replace(Model(BENCH), effects=effects)
+    whole, quick = (diagnose([recording], model, quick=own) for own in (False, True))
+    assert whole.verdict == ("nothing_missing" if effects else "effect")
+    assert whole.next_test is not None
+    limits = whole.limits if effects else ()
+    assert facts(quick) == facts(replace(whole, next_test=None, limits=limits))
 
 
 def _declared(model: Model, law: str) -> Model:
@@ -89,9 +103,10 @@ def test_other_options_or_another_place_are_diagnosed_again(
     moved = replace(recording, path=tmp_path / "moved")
     diagnose([recording], Model(BENCH))
     diagnose([recording], Model(BENCH), averages=True)
+    diagnose([recording], Model(BENCH), quick=True)
     diagnose([recording], Model(BENCH), validate=[moved])
     found = diagnose([moved], Model(BENCH))
-    assert len(searches) == 4
+    assert len(searches) == 5
     assert found.recordings == (str(moved.path),)
 
 

@@ -119,6 +119,7 @@ def diagnose(
     validate: Recordings = (),
     averages: bool = False,
     mixed: bool = False,
+    quick: bool = False,
     progress: Say | None = None,
 ) -> Diagnosis:
     """Find out which physical effects a model lacks.
@@ -135,6 +136,8 @@ def diagnose(
         Use averages over whole revolutions only, for example where filters suppress faster signals.
     mixed : bool
         Join recordings that state different machines.
+    quick : bool
+        Leave out the next test, and detection limits where something was found: the verdict is the same.
     progress : callable, optional
         Called with a line of text now and then. If it raises `SearchEnded`, the search ends with what it has found.
 
@@ -154,6 +157,7 @@ def diagnose(
             validate=data(unused),
             averages=averages,
             mixed=mixed,
+            quick=quick,
             progress=progress,
         )
     )

@@ -37,6 +37,10 @@ def diagnose(
         bool, option("--fail-on-finding", "Exit with 1 unless nothing is missing.")
     ] = False,
     mixed: Mixed = False,
+    quick: Annotated[
+        bool,
+        option("--quick", "Leave out the next test, and detection limits where something was found."),
+    ] = False,
     follow: Annotated[
         bool, option("--follow", "Diagnose one recording while it is written, again after every hold.")
     ] = False,
@@ -57,8 +61,10 @@ def diagnose(
     loaded, interrupted = gw.Model.load(model), False
     early = settled_only(until, follow, "--follow")
     if follow:
-        if len(directories) > 1 or mixed:
-            raise InputError("--follow: allowed: one recording, which is being written, without --mixed")
+        if len(directories) > 1 or mixed or quick:
+            raise InputError(
+                "--follow: allowed: one recording, which is being written, without --mixed and --quick"
+            )
         recording, result, interrupted = _followed(
             directories[0], loaded, validate or (), averages=averages, early=early
         )
@@ -67,7 +73,13 @@ def diagnose(
         recordings, unused = opened_apart(directories, validate or ())
         with working("diagnosing") as say, ending(gw.SearchEnded):
             result = gw.diagnose(
-                recordings, loaded, validate=unused, averages=averages, mixed=mixed, progress=say
+                recordings,
+                loaded,
+                validate=unused,
+                averages=averages,
+                mixed=mixed,
+                quick=quick,
+                progress=say,
             )
         warn_of_changes([*recordings, *unused])
         interrupted = result.ended

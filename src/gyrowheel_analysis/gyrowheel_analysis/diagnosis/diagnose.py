@@ -86,6 +86,7 @@ def diagnose(
     validate: Sequence[Recording] = (),
     averages: bool = False,
     mixed: bool = False,
+    quick: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find out which physical effect is missing in a model.
@@ -103,6 +104,8 @@ def diagnose(
         Whether to use averages over whole revolutions alone, for recordings whose filters conceal harmonics.
     mixed : bool
         Whether recordings of different machines are allowed; if not, their inertias must agree.
+    quick : bool
+        Whether to leave out the next test, and detection limits that do not decide the verdict.
     progress : callable, optional
         Called with a line of text for each step. If it raises `SearchEnded`, the search ends with what it has.
     """
@@ -111,10 +114,10 @@ def diagnose(
     say("looking at the setup")
 
     def search() -> Diagnosis:
-        return _diagnosed(recordings, model, validate, averages, mixed, say)
+        return _diagnosed(recordings, model, validate, averages, mixed, quick, say)
 
     try:
-        key = _key(recordings, model, validate, averages, mixed)
+        key = _key(recordings, model, validate, averages, mixed, quick)
     except cache.UNREADABLE:  # an effect of another package, for example
         found = search()
     else:
@@ -124,12 +127,10 @@ def diagnose(
     return replace(found, recordings=paths, model=model.origin, seconds=seconds, versions=_versions())
 
 
-def _key(
-    recordings: Sequence[Recording], model: Model, validate: Sequence[Recording], averages: bool, mixed: bool
-) -> str:
+def _key(recordings: Sequence[Recording], model: Model, validate: Sequence[Recording], *options: bool) -> str:
     """Return a short name of all that decides a diagnosis: events and setups name the recordings."""
     about = [[(str(own.path), own.content) for own in sets] for sets in (recordings, validate)]
-    described = (model.stated_bench.stated, model.to_mapping(), averages, mixed)
+    described = (model.stated_bench.stated, model.to_mapping(), options)
     return cache.digest(code_key(model.library, model.declared), repr(about), repr(described))
 
 
@@ -139,6 +140,7 @@ def _diagnosed(
     validate: Sequence[Recording],
     averages: bool,
     mixed: bool,
+    quick: bool,
     say: Callable[[str], None],
 ) -> Diagnosis:
     """Return the diagnosis without what it is of; see `diagnose`."""
@@ -152,8 +154,8 @@ def _diagnosed(
         return Diagnosis("insufficient_data", first.windows, (), "", misstated=wrong_values)
     say("looking for missing effects")
     explanation = supported(explanation_of(first, recordings, say), validate)
-    say("judging ties, limits and the next test")
-    found = _judged(explanation, recordings, validate)
+    say("judging ties" if quick else "judging ties, limits and the next test")
+    found = _judged(explanation, recordings, validate, quick)
     if _leaves_something(found) and not found.ended:
         say("fitting a map of the missing torque")
         paths = tuple(str(own.path) for own in recordings)
@@ -163,9 +165,12 @@ def _diagnosed(
 
 
 def _judged(
-    explanation: Explanation, recordings: Sequence[Recording], validate: Sequence[Recording]
+    explanation: Explanation, recordings: Sequence[Recording], validate: Sequence[Recording], quick: bool
 ) -> Diagnosis:
-    """Return the facts of an explanation: error, ties, limits, proof, verdict and the next test."""
+    """Return the facts of an explanation: error, ties, limits, proof, verdict and the next test.
+
+    Where nothing was found, what could hide decides the verdict, so that limits are part of a `quick` one.
+    """
     paths = [str(r.path) for r in recordings]
     fitted, selection, proposal = explanation.fitted, explanation.selection, explanation.proposal
     problem, best = explanation.problem, explanation.best
@@ -180,7 +185,7 @@ def _judged(
     findings = [_report(fitted, f, best, planner) for f in missing]
     findings.sort(key=lambda f: -f.delta_chi2)
     form = _with_ties(proposal, problem, planner) if proposal else None
-    limits = detection_limits(problem, best, selection.inflation)
+    limits = [] if quick and (findings or form) else detection_limits(problem, best, selection.inflation)
     errors = errors_of(before, best, fitted)
     null = selection.null if proposal is None else problem.fit(())
     unused = as_events(events, [str(recording.path) for recording in validate])
@@ -213,7 +218,9 @@ def _judged(
         rejected=explanation.rejected,
         error=errors.table,
         where=tuple(regions(data, problem.bench)),
-        next_test=_next_test([*findings, *([form] if form else [])], limits, planner, verdict),
+        next_test=None
+        if quick
+        else _next_test([*findings, *([form] if form else [])], limits, planner, verdict),
         limits=tuple(limits),
         events=tuple(events),
         turned=tuple(turned),
