@@ -45,11 +45,11 @@ segments:
   - {label: "2500", spin_rpm: 2500, tilt_deg: [[0, 0], [2, 0], [0, 2]]}
   - {label: "3500", spin_rpm: 3500, tilt_deg: [[0, 0], [2, 0], [0, 2]]}
 """
-#: Enough for everything but a verdict.
+#: Enough for everything but a verdict, and longer than it takes to look for it on a busy machine.
 BRIEF = """\
 schema: 1
 name: brief
-hold_s: 0.5
+hold_s: 3.0
 segments:
   - {label: "2500", spin_rpm: 2500, tilt_deg: [[0, 0], [2, 0]]}
 """
