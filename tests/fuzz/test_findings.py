@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import struct
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -324,3 +326,25 @@ def test_a_rotor_whose_spin_rate_reads_zero_is_a_wrong_setup(tmp_path: Path) -> 
     wrong = gw.Recording.open(written(whole, ["measurement times spin_rate 0"], tmp_path / "run"))
     found = gw.compare(wrong, gw.Model("gyrowheel"))
     assert [own.kind for own in found.setup] == ["stuck"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("verb", "lines"),
+    [
+        (
+            gw.compare,
+            ["mixed motor_current air_pressure", "mixed motor_voltage motor_current"],
+        ),
+        (gw.diagnose, ["mixed motor_current coil_voltage_y", "rate 3", "times spin_angle 0.99"]),
+    ],
+)
+@pytest.mark.parametrize("lacking", [False, True])
+def test_absurd_readings_are_refused_or_answered(
+    verb: Callable[..., object], lines: list[str], lacking: bool, tmp_path: Path
+) -> None:
+    """A matrix was singular, or a fit at the next test was not finite: an internal error."""
+    whole = machine_recording(tmp_path / "whole", lacking=lacking)
+    wrong = written(whole, [f"measurement {line}" for line in lines], tmp_path / "run")
+    with contextlib.suppress(InputError):
+        assert verb(gw.Recording.open(wrong), gw.Model("gyrowheel"))

@@ -198,7 +198,11 @@ class Instruments:
         """Return amplitudes (n, harmonics, terms) by the true angle from those by a reading with encoder errors."""
         if self.mixing is None:
             return amplitudes
-        return np.einsum("th,nhk->ntk", np.linalg.inv(self.mixing), amplitudes)
+        try:
+            unmixed = np.linalg.inv(self.mixing)
+        except np.linalg.LinAlgError:  # a trial of a fit to absurd readings: its cost becomes infinite
+            unmixed = np.full(self.mixing.shape, np.nan)
+        return np.einsum("th,nhk->ntk", unmixed, amplitudes)
 
     def true_tilt(self, reading: Any, rate: Any, acceleration: Any) -> tuple[Any, Any, Any]:
         """Return the true tilt for readings of sensors with cubic error and cross-talk, and its two derivatives.

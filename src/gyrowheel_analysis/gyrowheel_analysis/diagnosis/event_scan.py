@@ -32,8 +32,10 @@ from gyrowheel_analysis.fitting.events import (
     is_law,
     temperature,
 )
+from gyrowheel_analysis.fitting.noise import ABSURD
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import Windows
+from gyrowheel_core.errors import InputError
 from gyrowheel_recording.bags.reader import pauses
 
 _BURST_EDGES = 300  # windows between all of which bursts are tried
@@ -281,11 +283,13 @@ def best_at(
 def _best(
     recording: int, quantities: Sequence[str], profiles: Profiles, gains: Array, price: float
 ) -> Candidate:
-    """Return the best of some profiles."""
+    """Return the best of some profiles; InputError if a gain is not finite."""
     k = int(np.argmax(gains))
+    if not math.isfinite(gains[k]):
+        raise InputError(ABSURD)
     gain, edges = float(gains[k]), profiles.edges[k].tolist()
     events = tuple(Event(recording, name, profiles.kind, *edges) for name in quantities)
-    return Candidate(events, gain, gain - price, _spans(profiles, gains > gain - EVENT_LIKELY))
+    return Candidate(events, gain, gain - price, _spans(profiles, gains >= gain - EVENT_LIKELY))
 
 
 def _after_tilt(evidence: Evidence, recording: int, lag: float) -> Candidate:

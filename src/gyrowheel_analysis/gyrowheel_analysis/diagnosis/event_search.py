@@ -182,6 +182,6 @@ def _ties(candidates: Sequence[Candidate], best: Candidate, dated: Found) -> tup
 
 def _simplest(candidates: Sequence[Candidate]) -> Candidate:
     """Return the best candidate, or one of a simpler quantity that is nearly as good."""
-    serving = [c for c in candidates if c.score > candidates[0].score - EVENT_SIMPLER]
+    serving = [c for c in candidates if c.score >= candidates[0].score - EVENT_SIMPLER]
     order = {quantities: k for k, quantities in enumerate(TOGETHER)}
     return min(serving, key=lambda c: (order.get(c.quantities, len(order)), -c.score))

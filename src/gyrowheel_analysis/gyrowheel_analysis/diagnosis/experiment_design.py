@@ -241,6 +241,8 @@ class Planner:
         if plan not in designs:
             designs[plan] = other.noise.whiten(other.jacobian(rival))
         design = np.vstack([present, designs[plan]])
+        if not (np.isfinite(signal).all() and np.isfinite(design).all()):
+            return None  # fits to absurd readings: the machine of one cannot run the plan
         size = np.linalg.norm(design, axis=0)
         size[size == 0.0] = 1.0
         solution, *_ = np.linalg.lstsq(design / size, signal, rcond=1e-10)

@@ -261,8 +261,8 @@ def rank(problem: Problem, current: Fit, pool: Sequence[Term]) -> list[tuple[flo
         result = []
         for term, first, last in zip(terms, edges, edges[1:], strict=False):
             own = norm[first:last]
-            # a column that the others reproduce to a part in ten thousand adds nothing
-            if np.any(own <= 1.0e-4 * np.maximum(total[first:last], 1e-300)):
+            # a column that the others reproduce to a part in ten thousand adds nothing, nor does one that is not finite
+            if not np.all(own > 1.0e-4 * np.maximum(total[first:last], 1e-300)):
                 continue
             solution = every[:, first:last] / own
             step, *_ = np.linalg.lstsq(solution, white, rcond=1e-8)

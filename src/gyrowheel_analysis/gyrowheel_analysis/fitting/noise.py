@@ -28,6 +28,11 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
+#: What is said of readings to which no model can be fitted.
+ABSURD = (
+    "the model cannot be fitted: the likelihood of these readings is not finite (gyrowheel info shows them)"
+)
+
 #: Prior width of the sizes of events, over their large sizes: practically free; the likelihood counts them as if large.
 _FLAT = 1.0e3
 
@@ -157,6 +162,11 @@ class Noise:
 
         `residual` (N,) are rows measured minus predicted; `regressors` (N, p) are all possible explanations, each
         column scaled to one prior standard deviation. The part that they can explain does not count as drift.
+
+        Raises
+        ------
+        InputError
+            If the likelihood cannot be computed: the readings are absurd.
         """
         names = list(DRIFTS)
         blocks, residual, regressors, turning_cost = self.of_averages(residual, regressors)
@@ -168,6 +178,8 @@ class Noise:
 
         low, high = np.log(DRIFT_SCALE_BOUNDS)
         best, least = _lowest(cost, np.full(len(names), 0.05), float(low), float(high))
+        if not math.isfinite(least):
+            raise InputError(ABSURD)
         return dict(zip(names, np.exp(best).tolist(), strict=True)), least + turning_cost
 
     def beside_events(self, regressors: Array) -> Array:

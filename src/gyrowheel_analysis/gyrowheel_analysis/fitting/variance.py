@@ -203,13 +203,16 @@ class MarginalCost:
         self._parts: dict[tuple[str, float], tuple[Array, float]] = {}
 
     def __call__(self, scales: Mapping[str, float]) -> float:
-        """Return the cost for scales of the drifts, by name (without the constant N log 2π)."""
+        """Return the cost for scales of the drifts, by name, without the constant N log 2π."""
         gram, log_det = np.zeros((self._size, self._size)), 0.0
         for name in dict.fromkeys(name for _, name, _ in self._blocks):
             own, own_log_det = self._part(name, float(scales[name]))
             gram, log_det = gram + own, log_det + own_log_det
         # Xᵀ C⁻¹ X with the prior, Xᵀ C⁻¹ y, yᵀ C⁻¹ y
-        factor = np.linalg.cholesky(gram[:-1, :-1] + np.eye(self._size - 1))
+        try:
+            factor = np.linalg.cholesky(gram[:-1, :-1] + np.eye(self._size - 1))
+        except np.linalg.LinAlgError:
+            return math.inf  # absurd readings: the regressors are beyond what numbers can tell apart
         along = solve_triangular(factor, gram[:-1, -1], lower=True, check_finite=False)
         log_det += 2.0 * float(np.log(np.diag(factor)).sum())
         return log_det + float(gram[-1, -1] - along @ along)
