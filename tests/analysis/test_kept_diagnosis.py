@@ -36,9 +36,9 @@ def searches(cache_folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     found: list[int] = []
     search = diagnose_module._diagnosed
 
-    def counted(recordings: Any, *others: Any) -> Any:
+    def counted(recordings: Any, *others: Any, **options: Any) -> Any:
         found.append(len(recordings))
-        return search(recordings, *others)
+        return search(recordings, *others, **options)
 
     monkeypatch.setattr(diagnose_module, "_diagnosed", counted)
     return found

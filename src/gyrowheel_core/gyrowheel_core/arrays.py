@@ -1,4 +1,4 @@
-"""Arrays longer than the memory, work on long arrays in blocks, and structured arrays as plain bytes."""
+"""Arrays larger than the memory, processing in cache-sized blocks, and structured arrays as plain bytes."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ _T = TypeVar("_T")
 #: Rows of a block: some megabytes of columns.
 ROWS = 1 << 15
 _MOST_THREADS = 4
-#: Larger arrays lie in a file [bytes]: three hours of the bench's samples.
+#: Size above which an array is mapped to a file [bytes]: about three hours of the bench's samples.
 IN_MEMORY = 2 << 30
 
 
 def zeros(count: int, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
     """Return zeros, shape (n,).
 
-    More than `IN_MEMORY` of them lie in a file without a name in the user's cache, if the disk has room: the system can
-    take its pages out of the memory while nobody needs them, so that hours of samples leave room for their analysis.
+    An array larger than `IN_MEMORY` is mapped to an unnamed file in the user's cache folder, if the disk has room. The
+    kernel can write its pages back under memory pressure, so that hours of samples leave room for their analysis.
     """
     size = count * dtype.itemsize
     if size > IN_MEMORY:
         with contextlib.suppress(OSError), tempfile.TemporaryFile(dir=cache.folder()) as file:
-            # what is reserved cannot be missing when it is written, which would end the process
+            # without reserved blocks a full disk would end the process (SIGBUS) when a page is written
             os.posix_fallocate(file.fileno(), 0, size)
             return np.ndarray((count,), dtype, buffer=mmap.mmap(file.fileno(), size))
     return np.zeros(count, dtype)

@@ -155,18 +155,18 @@ def write(name: str, content: bytes) -> None:
 def computed(
     prefix: str, key: str, most: int, compute: Callable[[], _T], keep: Callable[[_T], bool] = bool
 ) -> _T:
-    """Return a result from the cache; compute and keep it if it is not there, or no longer readable.
+    """Return a result from the cache; compute and store it if it is missing or cannot be read.
 
     Parameters
     ----------
     prefix, key : str
-        Name of the entry; `key` differs where anything differs that decides the result.
+        Name of the entry; `key` is a digest of everything that decides the result.
     most : int
-        Number of entries with this prefix that are kept, the latest ones.
+        Largest number of entries with this prefix; the oldest are removed.
     compute : callable
-        Computes the result.
+        Returns the result.
     keep : callable
-        Whether a result is kept; by default one that is not empty.
+        Whether a result is stored; by default any that is not empty.
     """
     name = prefix + key
     if (content := read(name)) is not None:

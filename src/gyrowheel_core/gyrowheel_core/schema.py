@@ -119,7 +119,7 @@ def refuse(said: str, field: str = "") -> NoReturn:
     raise PydanticCustomError(_OWN, "{said}", {"said": said, "field": field})
 
 
-#: Kinds of files, each with a field that every file of the kind has, and no earlier kind.
+#: Kinds of files, each with a field that all of its files have, and none of those of an earlier kind.
 _MARKS: Final = {
     "plan": "segments", "bench file": "parameters", "map file": "columns", "model file": "bench"
 }  # fmt: skip

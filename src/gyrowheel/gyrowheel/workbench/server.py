@@ -43,9 +43,9 @@ from gyrowheel_recording.bags import load_loops
 _LARGEST = 1 << 20  # largest request [bytes]
 _PATIENCE = 60.0  # s for the head of a request, and between two of a connection
 _MOST_CONNECTIONS = 200
-#: Connections that may wait for the loop; the system drops those beyond, which ask again after 1, 3, 7 ...
-#: seconds.
-_WAITING = 1024
+#: Connections that may wait to be accepted. The kernel drops further requests, and a browser tries again only after
+#: seconds, at last after a minute.
+_BACKLOG = 1024
 _NO_ROOM = 0.05  # s until a connection is tried again that found no free descriptor
 _BEAT = 15.0  # s between heartbeats to a waiting page
 _BEAT_FRAMES = 40  # pieces of a stream without a sample after which an empty one is sent
@@ -496,7 +496,7 @@ def application(session: Session, access: Access) -> Application:
 
 
 class _Listening(socket.socket):
-    """A socket that listens: without a free descriptor `relieve` closes a connection, if there is one to be closed."""
+    """A listening socket; where no file descriptor is free, `relieve` closes a connection to get one."""
 
     relieve: Callable[[], bool]
 
@@ -507,7 +507,7 @@ class _Listening(socket.socket):
             if error.errno not in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
                 raise
             if not self.relieve():
-                time.sleep(_NO_ROOM)  # the loop would ask again at once
+                time.sleep(_NO_ROOM)  # the event loop would call again at once
             raise BlockingIOError from None
 
 
@@ -516,19 +516,19 @@ class _Connections(HTTPServer):
 
     def handle_stream(self, stream: IOStream, address: tuple[Any, ...]) -> None:
         """Serve a connection, and close the oldest ones beyond the limit."""
-        self._streams = [*self._open(), stream]
+        self._streams = [*self._open_streams(), stream]
         for own in self._streams[: -_most_connections()]:
             own.close()
         super().handle_stream(stream, address)
 
     def relieve(self) -> bool:
-        """Close the oldest connection; return False if there is none."""
-        found = self._open()
-        for own in found[:1]:
-            own.close()
+        """Close the oldest connection, if any, and return whether one was closed."""
+        found = self._open_streams()
+        for oldest in found[:1]:
+            oldest.close()
         return bool(found)
 
-    def _open(self) -> list[IOStream]:
+    def _open_streams(self) -> list[IOStream]:
         return [own for own in getattr(self, "_streams", ()) if not own.closed()]
 
 
@@ -566,7 +566,7 @@ class Server:
             if _is_every(place):
                 raise InputError(f"address: {address!r} is every address; name one of this computer")
             self._sockets = [
-                _Listening(fileno=own.detach()) for own in bind_sockets(port, place, backlog=_WAITING)
+                _Listening(fileno=own.detach()) for own in bind_sockets(port, place, backlog=_BACKLOG)
             ]
         except (OSError, UnicodeError) as error:
             why = getattr(error, "strerror", None) or error

@@ -114,7 +114,7 @@ def diagnose(
     say("looking at the setup")
 
     def search() -> Diagnosis:
-        return _diagnosed(recordings, model, validate, averages, mixed, quick, say)
+        return _diagnosed(recordings, model, validate, averages=averages, mixed=mixed, quick=quick, say=say)
 
     try:
         key = _key(recordings, model, validate, averages, mixed, quick)
@@ -128,7 +128,7 @@ def diagnose(
 
 
 def _key(recordings: Sequence[Recording], model: Model, validate: Sequence[Recording], *options: bool) -> str:
-    """Return a short name of all that decides a diagnosis: events and setups name the recordings."""
+    """Return a short name of everything that decides a diagnosis, with the paths, which its events contain."""
     about = [[(str(own.path), own.content) for own in sets] for sets in (recordings, validate)]
     described = (model.stated_bench.stated, model.to_mapping(), options)
     return cache.digest(code_key(model.library, model.declared), repr(about), repr(described))
@@ -138,12 +138,13 @@ def _diagnosed(
     recordings: Sequence[Recording],
     model: Model,
     validate: Sequence[Recording],
+    *,
     averages: bool,
     mixed: bool,
     quick: bool,
     say: Callable[[str], None],
 ) -> Diagnosis:
-    """Return the diagnosis without what it is of; see `diagnose`."""
+    """Return a diagnosis without recordings, model, time and versions; see `diagnose`."""
     if wrong := wrong_setups([*recordings, *validate], model.reference_bench, mixed=mixed):
         return Diagnosis("insufficient_data", 0, (), "", setup=tuple(wrong))
     try:
@@ -155,7 +156,7 @@ def _diagnosed(
     say("looking for missing effects")
     explanation = supported(explanation_of(first, recordings, say), validate)
     say("judging ties" if quick else "judging ties, limits and the next test")
-    found = _judged(explanation, recordings, validate, quick)
+    found = _judged(explanation, recordings, validate, quick=quick)
     if _leaves_something(found) and not found.ended:
         say("fitting a map of the missing torque")
         paths = tuple(str(own.path) for own in recordings)
@@ -165,7 +166,7 @@ def _diagnosed(
 
 
 def _judged(
-    explanation: Explanation, recordings: Sequence[Recording], validate: Sequence[Recording], quick: bool
+    explanation: Explanation, recordings: Sequence[Recording], validate: Sequence[Recording], *, quick: bool
 ) -> Diagnosis:
     """Return the facts of an explanation: error, ties, limits, proof, verdict and the next test.
 

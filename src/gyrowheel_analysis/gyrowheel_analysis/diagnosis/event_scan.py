@@ -32,7 +32,7 @@ from gyrowheel_analysis.fitting.events import (
     is_law,
     temperature,
 )
-from gyrowheel_analysis.fitting.noise import ABSURD
+from gyrowheel_analysis.fitting.noise import NOT_FINITE
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_core.errors import InputError
@@ -286,7 +286,7 @@ def _best(
     """Return the best of some profiles; InputError if a gain is not finite."""
     k = int(np.argmax(gains))
     if not math.isfinite(gains[k]):
-        raise InputError(ABSURD)
+        raise InputError(NOT_FINITE)
     gain, edges = float(gains[k]), profiles.edges[k].tolist()
     events = tuple(Event(recording, name, profiles.kind, *edges) for name in quantities)
     return Candidate(events, gain, gain - price, _spans(profiles, gains >= gain - EVENT_LIKELY))

@@ -28,9 +28,10 @@ from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
 
-#: What is said of readings to which no model can be fitted.
-ABSURD = (
-    "the model cannot be fitted: the likelihood of these readings is not finite (gyrowheel info shows them)"
+#: Error of readings to which no model can be fitted.
+NOT_FINITE = (
+    "the model cannot be fitted: at these readings its likelihood or its derivatives are not finite (gyrowheel info "
+    "shows their ranges)"
 )
 
 #: Prior width of the sizes of events, over their large sizes: practically free; the likelihood counts them as if large.
@@ -179,7 +180,7 @@ class Noise:
         low, high = np.log(DRIFT_SCALE_BOUNDS)
         best, least = _lowest(cost, np.full(len(names), 0.05), float(low), float(high))
         if not math.isfinite(least):
-            raise InputError(ABSURD)
+            raise InputError(NOT_FINITE)
         return dict(zip(names, np.exp(best).tolist(), strict=True)), least + turning_cost
 
     def beside_events(self, regressors: Array) -> Array:

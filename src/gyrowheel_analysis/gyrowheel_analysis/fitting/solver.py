@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.fitting.fit import Fit, Point, Term
-from gyrowheel_analysis.fitting.noise import Noise
+from gyrowheel_analysis.fitting.noise import NOT_FINITE, Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_core.errors import InputError
 from gyrowheel_sim.effects import EffectValues
@@ -165,10 +165,7 @@ def solve(objective: Objective, x: Array, nuisance_jacobian: Array, *, iteration
             break
     scaled = linear.design / linear.size
     if not np.isfinite(scaled).all():
-        raise InputError(
-            "the model cannot be fitted: at these readings its derivatives are not finite (gyrowheel info shows their "
-            "ranges)"
-        )
+        raise InputError(NOT_FINITE)
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13) / np.outer(linear.size, linear.size)
     return Fit(
         objective.terms,
