@@ -6,6 +6,7 @@ diagnosis and addition therefore take the noise of the same explanation, so that
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +15,7 @@ from gyrowheel_analysis.criteria import (
     CHI2_RANGE,
     DRIFT_OR_MAP,
     EVENT_GAIN,
+    MACHINE_SHARE,
     MEMORY_ALONE,
     MEMORY_MOST,
     MEMORY_REACH,
@@ -53,8 +55,8 @@ class Explanation:
     """The explanation of recordings: effects, an optional free form, and events.
 
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
-    `rejected` are terms that were found and make the prediction of unused data worse. `laws` are functions of the
-    motion that look like events, and that nothing found describes. `ended` is whether `SearchEnded` ended the search
+    `rejected` are terms that were found and make the prediction of unused data worse. `like_events` are functions of
+    the motion that look like events; a free form describes them. `ended` is whether `SearchEnded` ended the search
     early.
     """
 
@@ -64,8 +66,13 @@ class Explanation:
     proposal: Proposal | None
     happened: list[Found]
     rejected: tuple[str, ...] = ()
-    laws: tuple[MotionLaw, ...] = ()
+    like_events: tuple[MotionLaw, ...] = ()
     ended: bool = False
+
+    @property
+    def laws(self) -> tuple[MotionLaw, ...]:
+        """Functions of the motion that look like events, and that nothing found describes."""
+        return () if self.proposal else self.like_events
 
     def validated_by(self, validation: Prepared | None) -> Explanation:
         """Return the explanation with recordings for validation, which have the same noise."""
@@ -107,7 +114,7 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     `SearchEnded` ends the search with the explanation found so far, once the first effects are selected.
     """
     for _ in range(_MOST_BEGINNINGS):
-        begun, first = first, first.reweighed(foremost(first.problem))
+        begun, first = first, _on_machine(first, foremost(first.problem))
         if first is begun:
             break
     selection = select(first.problem, progress=progress)
@@ -116,6 +123,18 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
         return _searched(first, selection, recordings, progress, found)
     except SearchEnded:
         return replace(found[-1], ended=True)
+
+
+def _on_machine(prepared: Prepared, fit: Fit) -> Prepared:
+    """Return recordings with noise and rows of the machine that a fit describes, where it explains most of the error.
+
+    Terms that take the place of something else may describe a machine whose noise conceals what is missing.
+    """
+    problem = prepared.problem
+    expected = expected_chi2(problem)
+    error, chance = problem.fit(()).chi2_rows - expected, CHI2_RANGE * math.sqrt(2.0 * expected)
+    explains = fit.chi2_rows - expected < (1.0 - MACHINE_SHARE) * error + chance
+    return prepared.reweighed(fit) if explains or not fit.terms else prepared
 
 
 def _searched(
@@ -281,7 +300,7 @@ def _explained(
     leaves nothing and has no events: a form must beat it, and no events are sought.
     """
     own = replace(first, problem=problem)
-    weighed = own.reweighed(selection.best)
+    weighed = _on_machine(own, selection.best)
     if weighed is not own:
         selection = select(weighed.problem, selection.best, progress=progress)
     if below is None:
@@ -291,8 +310,10 @@ def _explained(
         outcome = Outcome(weighed.problem, selection, proposal, [])
     fitted, proposal = replace(weighed, problem=outcome.problem), outcome.proposal
     if proposal is not None:
+        if not outcome.events:
+            # the effects selected in its place may have described another machine
+            fitted = weighed = fitted.reweighed(proposal.fit)
         fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
         proposal = settled(fitted.problem, proposal)
     weighed = replace(weighed, problem=weighed.problem.with_scales(fitted.problem.noise.scales))
-    laws = () if proposal is not None else outcome.laws
-    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, laws=laws)
+    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, like_events=outcome.laws)
