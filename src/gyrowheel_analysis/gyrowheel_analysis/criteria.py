@@ -81,8 +81,10 @@ MEMORY_ROUGH: Final = 0.6
 #: forms and events are compared with it. It decides on the time alone.
 MEMORY_MOST: Final = 0.8
 #: Share of the gain of a form that leaves nothing which one law with a memory must reach in its place before all laws
-#: with a memory are candidates. Lower costs time, higher misses a law if the form also explains what is next to it.
-MEMORY_REACH: Final = 0.97
+#: with a memory are candidates, and the most that it may lack. A lower share or more costs time, the contrary misses a
+#: law if the form also explains what is next to it.
+MEMORY_REACH: Final = 0.9
+MEMORY_LACKS: Final = 300.0
 #: Gain from which on a law with a memory next to which no event or form is found is not compared with those in its
 #: place: if it only resembled the truth to 90 %, they would be found in what it leaves. Lower takes events for laws,
 #: higher costs time.
@@ -261,8 +263,8 @@ VOLTAGE_FLOOR: Final = 1.0e-14
 FILTER_SHAPE: Final = 0.1
 #: Range of the scale of a drift: one smaller than stated is not accepted, as few windows may show little by chance.
 DRIFT_SCALE_BOUNDS: Final = (1.0, 8.0)
-#: Share of an error that terms must explain for noise and rows to be those of the machine that they describe. Lower
-#: lets a term that stands for something else conceal it, higher keeps the noise of the stated bench.
+#: Share of an error that terms must explain on the machine that they describe, for noise and rows to be those of that
+#: machine. Lower lets a term that stands for something else conceal it, higher keeps the noise of the stated bench.
 MACHINE_SHARE: Final = 0.8
 #: Part of the largest scale from which on a drift hides a law that is missing, so that events are not believed. Lower
 #: drops events in recordings that drift much, higher takes such a law for events.

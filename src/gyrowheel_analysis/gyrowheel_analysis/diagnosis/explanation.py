@@ -6,7 +6,6 @@ diagnosis and addition therefore take the noise of the same explanation, so that
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,6 +16,7 @@ from gyrowheel_analysis.criteria import (
     EVENT_GAIN,
     MACHINE_SHARE,
     MEMORY_ALONE,
+    MEMORY_LACKS,
     MEMORY_MOST,
     MEMORY_REACH,
     MEMORY_ROUGH,
@@ -27,7 +27,7 @@ from gyrowheel_analysis.diagnosis.event_dating import Found
 from gyrowheel_analysis.diagnosis.events import Outcome, as_continued, explain
 from gyrowheel_analysis.diagnosis.free_forms import memory_forms
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
-from gyrowheel_analysis.diagnosis.proof import lack_of_fit
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit, spread_of
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
     Selection,
@@ -126,15 +126,17 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
 
 
 def _on_machine(prepared: Prepared, fit: Fit) -> Prepared:
-    """Return recordings with noise and rows of the machine that a fit describes, where it explains most of the error.
+    """Return recordings with noise and rows of the machine that a fit describes, where they show hardly an error there.
 
     Terms that take the place of something else may describe a machine whose noise conceals what is missing.
     """
-    problem = prepared.problem
-    expected = expected_chi2(problem)
-    error, chance = problem.fit(()).chi2_rows - expected, CHI2_RANGE * math.sqrt(2.0 * expected)
-    explains = fit.chi2_rows - expected < (1.0 - MACHINE_SHARE) * error + chance
-    return prepared.reweighed(fit) if explains or not fit.terms else prepared
+    before, after = prepared, prepared.reweighed(fit)
+    if after is before or not fit.terms:
+        return after
+    own = after.problem.fit(fit.terms, fit)
+    errors = (p.fit(()).chi2_rows - expected_chi2(p) for p in (before.problem, after.problem))
+    left, chance = own.chi2_rows - expected_chi2(after.problem), spread_of(len(after.problem.measured))
+    return after if left < (1.0 - MACHINE_SHARE) * max(errors) + CHI2_RANGE * chance else before
 
 
 def _searched(
@@ -274,8 +276,9 @@ def _one_reaches(found: Explanation) -> bool:
     start = problem.fit(found.proposal.kept, found.best)
     without = problem.evidence(start)
     wanted = without - problem.evidence(found.best)
+    enough = max(MEMORY_REACH * wanted, wanted - MEMORY_LACKS)
     return any(
-        without - problem.evidence(fit) > MEMORY_REACH * wanted
+        without - problem.evidence(fit) > enough
         for fit in fits_with_one(problem, start, _lagging(problem), wanted)
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 FILTERED = ("tilt", "coil_voltage")
 #: Fits that are kept: as many as fit into some bytes, at least a few.
 _FEWEST_FITS, _FITS_BYTES = 4, 1 << 26
+_REACH = 2.0  # standard errors at which the rise of chi-squared shows how far a time may lie
 _PARTS = (0.08, 0.3, 3.0)  # of the usual time or way of a law with a memory, with which a fit may begin
 
 
@@ -279,10 +281,40 @@ class Problem:
 
         While terms are compared, the derivatives by the bench parameters are those without any term. That is enough to
         find the terms. A coefficient far above the noise needs exact derivatives: its error is then limited by that of
-        a resistance or a heat capacity.
+        a resistance or a heat capacity. The covariance is that of `_widened`.
         """
         fresh = self.prediction.nuisance_jacobian(fit)
-        return self.fit(fit.terms, replace(fit, jacobian=np.hstack([fresh, fit.jacobian[:, self.count :]])))
+        return self._widened(
+            self.fit(fit.terms, replace(fit, jacobian=np.hstack([fresh, fit.jacobian[:, self.count :]])))
+        )
+
+    def _widened(self, fit: Fit) -> Fit:
+        """Return a fit whose covariance reaches as far as chi-squared allows for the times of laws with a memory.
+
+        Of a time longer than a recording only the ratio of amplitude to time is determined: chi-squared rises far less
+        on one side than its curvature at the fit shows. The time is held at `_REACH` standard errors on either side,
+        with all else at its best; the side that rises less sets the error of all unknowns that go with it.
+        """
+        objective = Objective(self.prediction, self.measured, self.noise, fit.terms)
+        shapes = {(t.name, n) for t in fit.terms if t.effect and t.effect.states for n in t.coefficients}
+        shapes -= {(t.name, n) for t in fit.terms for n in t.amplitudes}
+        x, columns = objective.start(fit), fit.jacobian[:, : self.count]
+        for k, column in enumerate(objective.columns, self.count):
+            error = math.sqrt(max(float(fit.covariance[k, k]), 0.0))
+            if column not in shapes or error == 0.0:
+                continue
+            along = fit.covariance[:, k] / error
+            widest = along
+            for side in (-_REACH, _REACH):
+                held = objective.within_bounds(x + side * along)
+                there = solve(objective.holding(k, held[k]), held, columns)
+                prior = (objective.inverse[k] * (held[k] - objective.centre[k])) ** 2
+                rise = there.chi2 + prior - fit.chi2
+                if rise > 0.0:
+                    one = (objective.start(there) - x) / math.sqrt(rise)
+                    widest = one if abs(one[k]) > abs(widest[k]) else widest
+            fit = replace(fit, covariance=fit.covariance + np.outer(widest, widest) - np.outer(along, along))
+        return fit
 
     def fit_within(self, bound: float = STATED_RANGE) -> Fit:
         """Fit the nuisance unknowns alone, each within `bound` stated uncertainties of its stated value.

@@ -7,6 +7,7 @@ It replaces `scipy.optimize.least_squares` because it finds the same minimum in 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,7 @@ _WORTH = 5.0  # predicted gain in chi-squared from which on a step is followed u
 _SHORTENINGS = (1.0, 0.5, 0.2, 0.05, 0.01)
 #: A fit creeps where a step is shortened to this number and gains less than this part of chi-squared: it ends.
 _SHORT, _PROGRESS = 3, 1.0e-4
+_HELD = 1.0e6  # inverse relative deviation of an unknown that is held
 _GAIN = 1.0e-3  # in chi-squared: a step that gains less is the last one
 
 
@@ -57,6 +59,13 @@ class Objective:
         self.inverse, self.columns = prediction.unknowns.prior(self.terms)
         self.centre = prediction.unknowns.centre(self.terms)
         self._bounds = self._all_bounds()
+
+    def holding(self, place: int, value: float) -> Objective:
+        """Return the objective where one unknown is held at a value, without the cost of its prior."""
+        result = copy(self)
+        result.centre, result.inverse = self.centre.copy(), self.inverse.copy()
+        result.centre[place], result.inverse[place] = value, _HELD / max(abs(value), 1e-300)
+        return result
 
     def start(self, point: Point | None) -> Array:
         """Return the vector of a point, with the prior centre for missing coefficients; the prior centre for None."""
