@@ -207,7 +207,7 @@ def _has_memory(fit: Fit) -> bool:
 
 def _lags(found: Explanation) -> bool:
     """Whether a law with a memory explains more than an effect that was found: in its place, or next to one like it."""
-    if found.proposal is None and any(finding.outdone for finding in found.selection.findings):
+    if found.proposal is None and any(own.outdone for own in found.selection.in_place):
         return True
     names = {term.name for term in found.best.terms}
     alike = [

@@ -59,8 +59,7 @@ class Finding:
     """A term that is missing in the model by the evidence of the recording.
 
     `delta_chi2` is the increase of chi-squared without it, everything else fitted again (`without`); `ties` are terms
-    that explain the rows equally well, then pairs of terms, `rivals` the next best. `outdone` is whether an effect with
-    a memory, which was no candidate, explains them better.
+    that explain the rows equally well, then pairs of terms, `rivals` the next best.
     """
 
     term: Term
@@ -68,7 +67,24 @@ class Finding:
     ties: tuple[Tie, ...]
     rivals: tuple[Tie, ...]
     without: Fit = field(repr=False)
-    outdone: bool = False
+
+
+@dataclass(frozen=True)
+class InPlace:
+    """The other terms that were `tried` in the place of a selected one, likeliest first.
+
+    `without` is the fit without it; `memory` are the effects with a memory among them, which were no candidates.
+    """
+
+    term: Term
+    without: Fit
+    tried: tuple[Tie, ...]
+    memory: tuple[Term, ...]
+
+    @property
+    def outdone(self) -> bool:
+        """Whether an effect with a memory, which was no candidate, explains the rows better."""
+        return any(tie.delta_chi2 < 0.0 and tie.term in self.memory for tie in self.tried)
 
 
 @dataclass(frozen=True)
@@ -82,11 +98,14 @@ class Selection:
     inflation: float
 
     @cached_property
+    def in_place(self) -> tuple[InPlace, ...]:
+        """The other terms that were tried in the place of each selected one."""
+        return tuple(_in_place(self.problem, self.best, term, self.pool) for term in self.best.terms)
+
+    @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """The selected terms with their ties and rivals, each of which takes a fit."""
-        return tuple(
-            _finding(self.problem, self.best, term, self.pool, self.inflation) for term in self.best.terms
-        )
+        return tuple(_finding(self.problem, self.best, own, self.pool, self.inflation) for own in self.in_place)
 
 
 def threshold(term: Term, inflation: float) -> float:
@@ -326,7 +345,7 @@ def _eliminated(problem: Problem, fit: Fit, inflation: float) -> Fit:
     return fit
 
 
-def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term], inflation: float) -> Finding:
+def _in_place(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term]) -> InPlace:
     rest = tuple(t for t in fit.terms if t != term)
     without = problem.fit(rest, fit)
     others = rank(problem, without, [t for t in pool if t not in fit.terms])
@@ -344,17 +363,20 @@ def _finding(problem: Problem, fit: Fit, term: Term, pool: Sequence[Term], infla
         if implausible(problem, trial, ERROR_TIE_LIMIT) is None:
             tried.append(Tie(other, trial.chi2 - fit.chi2, trial))
     tried.sort(key=lambda tie: tie.delta_chi2)
+    return InPlace(term, without, tuple(tried), tuple(memory))
+
+
+def _finding(problem: Problem, fit: Fit, own: InPlace, pool: Sequence[Term], inflation: float) -> Finding:
     # a law with a memory that is far likelier was dropped, as it predicts unused data worse
     ties = tuple(
         tie
-        for tie in tried
-        if tie.delta_chi2 < TIE_LOSS and (tie.delta_chi2 > -TIE_LOSS or tie.term not in memory)
+        for tie in own.tried
+        if tie.delta_chi2 < TIE_LOSS and (tie.delta_chi2 > -TIE_LOSS or tie.term not in own.memory)
     )
-    rivals = tuple(tie for tie in tried if tie.delta_chi2 >= TIE_LOSS)[:2]
-    outdone = any(tie.delta_chi2 < 0.0 and tie.term in memory for tie in tried)
-    able = [tie for tie in tried if tie.term not in memory]
-    ties += tuple(_pairs(problem, fit, without, able, pool, inflation))
-    return Finding(term, without.chi2 - fit.chi2, ties, rivals, without, outdone)
+    rivals = tuple(tie for tie in own.tried if tie.delta_chi2 >= TIE_LOSS)[:2]
+    able = [tie for tie in own.tried if tie.term not in own.memory]
+    ties += tuple(_pairs(problem, fit, own.without, able, pool, inflation))
+    return Finding(own.term, own.without.chi2 - fit.chi2, ties, rivals, own.without)
 
 
 def _pairs(
