@@ -423,6 +423,32 @@ def test_formulas_that_describe_the_recording_as_well_come_with_the_test_that_se
     assert set(found.next_test.separates or ()) <= names
 
 
+@pytest.mark.slow
+def test_a_drag_of_the_air_with_another_exponent_is_a_formula_and_no_windage(tmp_path: Path) -> None:
+    fit, check = hidden_law("axial_torque = -w*r^2.5*rho/rho_ref; w = 0.004 [N*m]", "quick", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert found.verdict == "unknown"
+    (form,) = found.free_form
+    assert form.name == "windage_like"
+    for name, value in {"n": 2.5, "m": 1.0}.items():
+        own = form.coefficients[name]
+        assert abs(own.value - value) < 4.0 * own.standard_error
+    assert found.proof is not None
+    assert found.proof.proven
+    added = gw.Model().add(found, fit=fit, validate=check).added
+    assert added is not None
+    assert added.error.validation_after is not None
+    assert added.error.validation_after.chi2_per_n < 1.3
+
+
+@pytest.mark.slow
+def test_windage_with_an_exponent_between_laminar_and_turbulent_flow_is_windage(tmp_path: Path) -> None:
+    fit = record(tmp_path, "fit", hidden_machine(77, {"windage": {"w": 0.004, "n": 1.7}}), "quick")
+    found = diagnose([fit], Model.new())
+    assert found.verdict == "effect"
+    assert named(found) == {"windage"}
+
+
 @pytest.mark.study
 def test_a_dynamic_imbalance_is_the_runout_that_looks_the_same(tmp_path: Path) -> None:
     """The rotor turns about its principal axis where its own stiffness, (C - A) Omega^2, balances the torque."""

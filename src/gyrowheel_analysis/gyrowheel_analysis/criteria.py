@@ -42,6 +42,12 @@ UNDETECTED_SIZE: Final = 0.1
 #: Joint standard errors from which on data and prior of a coefficient disagree (one case in 22 by chance). Lower
 #: reports chance, higher hides a prior that is wrong by three of its deviations.
 PRIOR_CONFLICT: Final = 2.0
+#: The same from which on an effect is compared with one that has a free shape: it decides on the time alone.
+SHAPE_CONFLICT: Final = 4.0
+#: Uncertainties of its source by which a shape must differ for another effect: of windage, between the exponents of
+#: laminar and turbulent flow. Lower makes formulas of effects whose source is a little wrong, higher takes what only
+#: resembles an effect of the library for it.
+ANOTHER_SHAPE: Final = 10.0
 
 # --- free forms ---
 

@@ -36,6 +36,8 @@ from gyrowheel_sim.effects.quantities import (
     T_winding,
     V_coil,
     i_motor,
+    rho,
+    rho_ref,
     z,
     z_rate,
     z_ref,
@@ -46,7 +48,7 @@ _EXPONENT = 1.0  # prior deviation of an exponent
 _IS_EXPONENT = "exponent of the "
 _TINY = sp.Float(1e-9)  # keeps powers of a vanishing tilt finite
 
-_a, _b, _p, _w, _k, _q, _s = (sp.Symbol(name, real=True) for name in ("a", "b", "p", "w", "k", "q", "s"))
+_a, _b, _p, _w, _k, _q, _s, _m = (sp.Symbol(name, real=True) for name in "abpwkqsm")
 _t = QUANTITIES["t"].symbol
 _r = Omega / Omega_ref
 _u = z / z_ref
@@ -449,6 +451,18 @@ def memory_forms() -> tuple[Term, ...]:
                 shapes = (*exponents, lag, begun)
                 result.append(_form(name, text, target, law, *shapes, sized=sized, state=state))
     return tuple(result)
+
+
+def with_density(effect: Effect) -> Effect:
+    """Return an effect of the air with a separate exponent of the density; any other one as it is."""
+    laws, usual = [], {c.symbol: c.default for c in effect.coefficients}
+    for law in effect.laws:
+        power = sp.simplify(rho * sp.diff(law.expression, rho) / law.expression).subs(usual)
+        if not power.is_number or power == 0:
+            return effect
+        laws.append(replace(law, expression=law.expression.subs(rho, rho_ref) * (rho / rho_ref) ** _m))
+    own = _shape("m", float(power), 0.5, f"{_IS_EXPONENT}density", (-4.0, 8.0))
+    return replace(effect, laws=tuple(laws), coefficients=(*effect.coefficients, own))
 
 
 def kind_of(name: str) -> str:

@@ -105,7 +105,9 @@ class Selection:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """The selected terms with their ties and rivals, each of which takes a fit."""
-        return tuple(_finding(self.problem, self.best, own, self.pool, self.inflation) for own in self.in_place)
+        return tuple(
+            _finding(self.problem, self.best, own, self.pool, self.inflation) for own in self.in_place
+        )
 
 
 def threshold(term: Term, inflation: float) -> float:

@@ -15,14 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.criteria import (
+    ANOTHER_SHAPE,
     BESIDE_FORM_GAIN,
     CHI2_RANGE,
     FORM_GAIN,
     FORM_GAIN_FOR_SEVERAL,
     FORM_LOSS,
+    SHAPE_CONFLICT,
     TIE_LOSS,
 )
-from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, kind_of, memory_forms
+from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, kind_of, memory_forms, with_density
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
@@ -33,7 +35,7 @@ from gyrowheel_analysis.diagnosis.selection import (
     rank,
     unsupported,
 )
-from gyrowheel_analysis.fitting.fit import Fit, Term
+from gyrowheel_analysis.fitting.fit import Fit, Prior, Term, without_prior
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_sim.effects.declaration import Effect
 from gyrowheel_sim.effects.registry import for_bench
@@ -81,6 +83,50 @@ def _pool(problem: Problem) -> list[Term]:
     return family(problem, (*forms(), *memory_forms()) if problem.unknowns.memory else forms())
 
 
+def _loosened(problem: Problem, fit: Fit) -> dict[Term, Effect]:
+    """Return the effects of a fit with free shapes, where the data disagree with those of their source: the effects.
+
+    So what only resembles an effect of the library is a formula, and not that effect with a wrong shape.
+    """
+    result = {}
+    for term in fit.terms:
+        effect = term.effect
+        if effect is None or effect.states or term.name in problem.unknowns.known:
+            continue
+        free = {}
+        for c in effect.shapes:
+            prior = Prior(c.default, c.shape_uncertainty) if c.shape_uncertainty else None
+            data = without_prior(
+                fit.coefficients[term.name][c.name], fit.standard_error(term.name, c.name), prior
+            )
+            if prior is None or data is None:
+                continue
+            if abs(data[0] - prior.mean) > SHAPE_CONFLICT * math.hypot(data[1], prior.deviation):
+                low, high = c.bounds
+                free[c.name] = replace(c, shape_uncertainty=(high - low) / 4.0)
+        if free:
+            other = with_density(
+                replace(
+                    effect,
+                    name=f"{term.name}_like",
+                    sentence=f"{effect.title}, with another {' and '.join(free)} than {term.name} has",
+                    coefficients=tuple(free.get(c.name, c) for c in effect.coefficients),
+                )
+            )
+            result[Term(other.name, other)] = effect
+    return result
+
+
+def _has_shapes(fit: Fit, term: Term, effect: Effect) -> bool:
+    """Whether the shapes of a term are near those of an effect: then it is that effect."""
+    found = fit.coefficients[term.name]
+    return all(
+        abs(found[c.name] - c.default) <= ANOTHER_SHAPE * c.shape_uncertainty
+        for c in effect.shapes
+        if c.shape_uncertainty
+    )
+
+
 def search(
     problem: Problem,
     selection: Selection,
@@ -108,6 +154,8 @@ def search(
     leaves = _leaves(problem, selection.best)
     if among is None and (further or len(chosen) > 1 or leaves):
         pool += family(problem, further_forms())
+    loosened = _loosened(problem, selection.best) if among is None else {}
+    pool += loosened
     base = problem.evidence(selection.best)
     starts = [selection.best]
     if chosen:
@@ -143,6 +191,8 @@ def search(
                 continue
             found = Proposal(term, fit, base - problem.evidence(fit))
             if not found.gain > needed or implausible(problem, fit) is not None:
+                continue
+            if term in loosened and _has_shapes(fit, term, loosened[term]):
                 continue
             # a form that cancels an effect in the place of another one explains no more than that did
             if found.gain > FORM_GAIN or not (cancels and cancelling(problem, fit)):
