@@ -195,7 +195,8 @@ def _judged(
     lack = lack_of_fit(problem, best)
     verdict = _verdict(findings, proposal, limits, far, lack, proof)
     unexplained = verdict in ("nothing_missing", "insufficient_data") or _failed(proof)
-    if (explanation.rejected or explanation.laws) and unexplained:
+    laws = missing_laws(problem, best, explanation.laws, paths)
+    if (explanation.rejected or laws) and unexplained:
         verdict = "unknown"
     if explanation.ended:
         if verdict == "nothing_missing":
@@ -225,7 +226,7 @@ def _judged(
         limits=tuple(limits),
         events=tuple(events),
         turned=tuple(turned),
-        laws=tuple(missing_laws(explanation.laws, paths)),
+        laws=tuple(laws),
         drift_shapes=tuple(shapes),
         readings=readings.found,
         hum_unknown=readings.hum_unknown,

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from gyrowheel_analysis.criteria import (
     EVENT_GAIN,
     EVENT_NEAR,
@@ -56,6 +58,10 @@ def search_events(
         else:
             law = law_of_shape(problem, dated.event, best.score)
         if law is not None:
+            if any(
+                law.quantities == own.quantities and np.array_equal(law.course, own.course) for own in laws
+            ):
+                break  # it is set apart already, and explains nothing
             laws.append(law)
             if len(laws) > MOTION_LAWS:
                 break

@@ -19,7 +19,7 @@ from gyrowheel_analysis.criteria import (
 from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
 from gyrowheel_analysis.diagnosis.event_search import find, search_events
-from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw
+from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, rows_of
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, predictive_cost
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
@@ -362,12 +362,19 @@ def drift_shapes(
     return result
 
 
-def missing_laws(laws: Sequence[MotionLaw], names: Sequence[str]) -> list[MissingLaw]:
-    """Return the laws that look like events, each once."""
+def missing_laws(
+    problem: Problem, fit: Fit, laws: Sequence[MotionLaw], names: Sequence[str]
+) -> list[MissingLaw]:
+    """Return the laws that look like events, each once, where a fit leaves at least half of what each explains."""
+    noise = problem.noise.with_scales(dict.fromkeys(problem.noise.scales, 1.0))
+    lacking = noise.shares(fit.residual) - 1.0
     result: dict[tuple[int, str, tuple[str, ...]], MissingLaw] = {}
     for law in laws:
-        key = law.recording, law.variable, law.quantities
-        result.setdefault(key, MissingLaw(names[law.recording], law.variable, law.quantities, law.score))
+        rows = rows_of(problem, [law])
+        assert rows is not None  # there is a law
+        if float(lacking[rows.any(axis=1)].sum()) > 0.5 * law.score:
+            key = law.recording, law.variable, law.quantities
+            result.setdefault(key, MissingLaw(names[law.recording], law.variable, law.quantities, law.score))
     return list(result.values())
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
-from gyrowheel_analysis.criteria import MEMORY_PAUSE, ROWS_CHANGED, STATED_RANGE
+from gyrowheel_analysis.criteria import DRIFT_ENLARGED, MEMORY_PAUSE, ROWS_CHANGED, STATED_RANGE
 from gyrowheel_analysis.fitting.events import Event, edge_columns, event_columns, event_widths
 from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns, memory_terms
 from gyrowheel_analysis.fitting.noise import Noise
@@ -362,7 +362,8 @@ class Problem:
         """Return the problem with the magnitudes of the slow drifts estimated from the rows.
 
         The part that bench parameters or registered effects can explain does not count as drift, nor, given a fit, the
-        part that its terms explain.
+        part that its terms explain. All effects together may bend to what none of them explains in one channel, at the
+        expense of the others: a drift is as large there as the bench and the terms alone leave, if that is less.
         """
         if fit is None:
             rows, own = self.measured - self.base, self.base_jacobian
@@ -370,6 +371,9 @@ class Problem:
             rows = fit.residual + fit.jacobian[:, : self.count] @ fit.nuisance
             own = fit.jacobian * self.unknowns.widths(fit.terms)
         scales, _ = self.noise.best_scales(rows, np.hstack([own, self.prediction.candidate_columns]))
+        if max(scales.values()) > DRIFT_ENLARGED:
+            alone, _ = self.noise.best_scales(rows, own)
+            scales = {name: min(scale, alone[name]) for name, scale in scales.items()}
         return self.with_scales(scales)
 
     def _found_late(self, fit: Fit) -> dict[str, float]:
