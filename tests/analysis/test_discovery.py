@@ -464,7 +464,19 @@ def test_a_dynamic_imbalance_is_the_runout_that_looks_the_same(tmp_path: Path) -
     assert effect.coefficients["R_x"].value == pytest.approx(angle, rel=0.03)
 
 
-@pytest.mark.study
+@pytest.mark.slow
+def test_a_law_in_one_channel_enlarges_no_drift_of_another(tmp_path: Path) -> None:
+    """Known effects of the spin that bend to what a tilt reading leaves would make the motor's rows unlikely."""
+    fit, check = hidden_law("tilt_reading = a*re(z)*im(z); a = 0.15 [1/rad]", "survey", tmp_path)
+    found = gw.diagnose(fit, gw.Model(), validate=check)
+    assert found.verdict == "unknown"
+    assert not found.effects
+    assert not found.laws
+    assert found.drift_scales["coil_voltage"] > 2.0
+    assert max(found.drift_scales["motor_voltage"], found.drift_scales["motor_current"]) < 1.3
+
+
+@pytest.mark.slow
 def test_a_law_that_acts_in_a_cone_is_no_event(tmp_path: Path) -> None:
     """The coils are loaded most while the tilt goes round: once, and for some seconds."""
     fit, check = hidden_law("motor_gain = -g*abs(V_coil)^2; g = 0.001 [1/V^2]", "survey", tmp_path)
