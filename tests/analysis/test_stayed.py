@@ -8,6 +8,7 @@ import pytest
 
 from gyrowheel.show.sentences.findings import event_sentence
 from gyrowheel.show.sentences.proof import proof_sentence
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
 from gyrowheel_analysis.diagnosis.events import as_continued, with_sizes
 from gyrowheel_analysis.diagnosis.proof import prove
@@ -87,3 +88,29 @@ def test_burst_is_over_in_a_later_recording(recorded: list[Recording], fitted: P
     burst = Found((Event(0, "torque_x", "burst", 12.0, 16.0),), (0.1, 0.1), 100.0)
     problem = fitted.problem.with_events(all_of([burst]))
     assert as_continued(later, problem, problem.fit(()), [burst]) is later
+
+
+@pytest.fixture(scope="module")
+def longer(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
+    folder, machine = tmp_path_factory.mktemp("longer"), hidden_machine(14, {})
+    return [record(folder, f"run{seed}", machine, "quick", noise_seed=seed) for seed in (1, 2)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [SIZE, 2.0 * SIZE])
+@pytest.mark.parametrize("later_first", [False, True])
+def test_change_that_stayed_is_one_event_of_recordings_that_are_fitted_together(
+    longer: list[Recording], later_first: bool, size: float
+) -> None:
+    """A second change before the second recording is another one."""
+    first, second = pulled(longer[0], 25.0), pulled(longer[1], -1.0, size)
+    found = diagnose([second, first] if later_first else [first, second], Model.new())
+    assert found.verdict == "nothing_missing"
+    assert not found.laws
+    event, *others = found.events
+    assert event.recording == str(first.path)
+    assert event.time == pytest.approx(25.0, abs=0.5)
+    assert event.still_in == ((str(second.path),) if size == SIZE else ())
+    assert [(other.recording, other.time) for other in others] == (
+        [] if size == SIZE else [(str(second.path), 0.0)]
+    )

@@ -127,6 +127,8 @@ EVENT_NEAR: Final = 5.0
 #: Standard errors, and at most seconds, around the time by windows within which the samples are searched.
 EVENT_SEARCH: Final = 3.0
 EVENT_SEARCH_MOST: Final = 5.0
+#: Standard errors by which the sizes of a change in two recordings may differ if it stayed.
+SAME_SIZE: Final = 4.0
 #: Gain in chi-squared from which on the samples show the instant of an event (4 standard deviations).
 ONSET_GAIN: Final = 16.0
 #: Windows at least before and after a burst; with fewer it is a step.

@@ -21,7 +21,7 @@ class DatedEvent:
     recording : str
         The recording.
     time, time_error : float
-        Its start, from the start of that recording, and the standard error [s].
+        Its start, from the start of that recording, and the standard error [s]; 0 for a step that happened before it.
     end, end_error : float or None
         End of a burst or a trend, and the standard error [s]; None for a step.
     kind : str
@@ -37,7 +37,7 @@ class DatedEvent:
     ties : tuple of str
         Other quantities whose change explains the recordings equally well.
     still_in : tuple of str
-        Recordings for validation in which it is still there.
+        Other recordings in which it is still there.
     """
 
     recording: str
@@ -53,6 +53,11 @@ class DatedEvent:
     gain: float
     ties: tuple[str, ...] = ()
     still_in: tuple[str, ...] = ()
+
+    @property
+    def before(self) -> bool:
+        """Whether it happened before the recording."""
+        return self.kind == "step" and self.time == 0.0
 
 
 @dataclass(frozen=True)

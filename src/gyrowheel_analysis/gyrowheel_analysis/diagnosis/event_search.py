@@ -21,7 +21,7 @@ from gyrowheel_analysis.diagnosis.event_dating import Found, all_of, gain_of, wi
 from gyrowheel_analysis.diagnosis.event_scan import Candidate, best_at, places, price, scan
 from gyrowheel_analysis.diagnosis.evidence import Evidence
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, law_instead, law_of_shape, rows_of
-from gyrowheel_analysis.fitting.events import HAPPENS, TOGETHER, Event
+from gyrowheel_analysis.fitting.events import BEFORE, HAPPENS, STAYS, TOGETHER, Event
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
 from gyrowheel_recording.bags import Recording
@@ -67,7 +67,28 @@ def search_events(
                 break
             continue
         found.append(replace(dated, ties=_ties(candidates, best, dated)))
-    return fitted_together(problem, fit, found, laws, recordings), laws
+    return _stayed(fitted_together(problem, fit, found, laws, recordings), laws)
+
+
+def _stayed(found: Sequence[Found], laws: Sequence[MotionLaw]) -> tuple[list[Found], list[MotionLaw]]:
+    """Return events and laws; an offset of a recording that began in another one is an event before its start."""
+    events, kept = list(found), []
+    for law in laws:
+        began = {
+            e.quantity
+            for f in found
+            if f.event.recording != law.recording
+            for e in f.events
+            if e.kind in STAYS
+        }
+        if law.variable == "offset" and began.intersection(law.quantities):
+            there = tuple(
+                Event(law.recording, name, "step", BEFORE) for name in law.quantities if name in began
+            )
+            events.append(Found(there, (0.0,), law.score))
+        else:
+            kept.append(law)
+    return events, kept
 
 
 def fitted_together(

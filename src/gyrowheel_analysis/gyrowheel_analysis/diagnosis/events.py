@@ -15,6 +15,7 @@ from gyrowheel_analysis.criteria import (
     EVENT_LACK,
     EVENT_SAME,
     PREDICTING_GAIN,
+    SAME_SIZE,
 )
 from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
@@ -24,6 +25,7 @@ from gyrowheel_analysis.diagnosis.proof import lack_of_fit, predictive_cost
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
 from gyrowheel_analysis.fitting.events import (
+    BEFORE,
     HAPPENS,
     QUANTITIES,
     STAYS,
@@ -184,7 +186,7 @@ def as_continued(
     the recording likelier by more than chance does, and else it is not expected.
     """
     validation = without_warming(validation, problem, fit, found)
-    staying = [own for own in found if own.event.kind in STAYS]
+    staying = [own for own in found if own.event.kind in STAYS and own.event.time != BEFORE]
     if validation is None or not staying:
         return validation
     plain = validation.problem.with_scales(problem.noise.scales)
@@ -278,27 +280,47 @@ def with_sizes(
     names: Sequence[str],
     validation: Prepared | None = None,
 ) -> list[DatedEvent]:
-    """Return the events at a time, with their sizes given a fit, and where in recordings for validation they stayed."""
+    """Return the events at a time, with their sizes given a fit, and where in other recordings they stayed.
+
+    A change that is there from the start of a recording is the one that began in another, if it has the same size.
+    """
     stayed = validation.problem.stayed if validation is not None else None
-    return [
-        DatedEvent(
-            recording=names[event.recording],
-            time=event.time,
-            time_error=own.errors[0],
-            end=None if event.kind == "step" else event.end,
-            end_error=None if event.kind == "step" else own.errors[1],
-            kind=event.kind,
-            channel=event.quantity,
-            size=size,
-            standard_error=error,
-            unit=QUANTITIES[event.quantity].unit,
-            gain=own.gain,
-            ties=own.ties,
-            still_in=tuple(name for same, name in stayed.events if same == event) if stayed else (),
+    result: list[DatedEvent] = []
+    sized = [own for own in _sizes(problem, fit, found) if own[1].kind in HAPPENS]
+    # those that were there before come last
+    for own, event, size, error in sorted(sized, key=lambda one: one[1].time == BEFORE):
+        known = next((k for k, other in enumerate(result) if _same_change(other, event, size, error)), None)
+        if event.time == BEFORE and known is not None:
+            still = (*result[known].still_in, names[event.recording])
+            result[known] = replace(result[known], still_in=still)
+            continue
+        result.append(
+            DatedEvent(
+                recording=names[event.recording],
+                time=event.time,
+                time_error=own.errors[0],
+                end=None if event.kind == "step" else event.end,
+                end_error=None if event.kind == "step" else own.errors[1],
+                kind=event.kind,
+                channel=event.quantity,
+                size=size,
+                standard_error=error,
+                unit=QUANTITIES[event.quantity].unit,
+                gain=own.gain,
+                ties=own.ties,
+                still_in=tuple(name for same, name in stayed.events if same == event) if stayed else (),
+            )
         )
-        for own, event, size, error in _sizes(problem, fit, found)
-        if event.kind in HAPPENS
-    ]
+    return result
+
+
+def _same_change(known: DatedEvent, event: Event, size: float, error: float) -> bool:
+    """Whether a change that was there before may be one that stayed."""
+    return (
+        known.kind in STAYS
+        and known.channel == event.quantity
+        and abs(known.size - size) < SAME_SIZE * math.hypot(known.standard_error, error)
+    )
 
 
 #: Changes that a turning of the rig makes: the torque of gravity on a centre of gravity off the pivot, along the spin
@@ -395,7 +417,7 @@ def parts_between(events: Sequence[DatedEvent]) -> Iterator[str]:
         place, (begin, until) = parted(recording)
         edges = [begin]
         for event in events:
-            if event.recording == recording:
+            if event.recording == recording and not event.before:
                 edges += [event.time, event.time if event.end is None else event.end]
         edges.append(until)
         for first, last in zip(edges[::2], edges[1::2], strict=True):

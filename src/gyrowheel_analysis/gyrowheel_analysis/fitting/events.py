@@ -33,6 +33,8 @@ Kind = Literal[
     "air_temperature",
     "after_tilt",
 ]
+#: Time of a step that happened before the recording [s].
+BEFORE = 0.0
 #: Changes at one time; all other kinds are shapes of a drift.
 HAPPENS: tuple[Kind, ...] = ("step", "trend", "burst")
 #: Those after which the quantity is another one.

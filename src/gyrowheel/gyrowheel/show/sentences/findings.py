@@ -201,6 +201,9 @@ def _sentence(events: Sequence[DatedEvent], several: bool) -> str:
     where = f" of {event.recording}" if several else ""
     begin = _time(event.time, event.time_error)
     still = f", and is still there in {listed(list(event.still_in), 'and')}" if event.still_in else ""
+    if event.before:
+        were = "was" if len(events) == 1 else "were"
+        return f"From the start{where} there {were} {what.rstrip(',')} that another recording does not have."
     if event.kind == "step" or event.end is None:
         return f"At {begin}{where} {what} appeared and stayed{still}."
     end = _time(event.end, event.end_error or 0.0)
