@@ -53,7 +53,7 @@ _warmth = remembered("s")
 
 GREASE_WARMING = Effect(
     name="grease_warming",
-    title="viscous friction of the bearing falls as its grease warms",
+    title="viscous friction of the bearing changes as its grease warms",
     category="bearing",
     sentence="The loss of the spin warms the grease within minutes and thins it: its friction lags behind the speed.",
     directions=(
