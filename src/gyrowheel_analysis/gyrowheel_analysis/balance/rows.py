@@ -110,10 +110,35 @@ class _Predicted:
         return parts[0] if len(parts) == 1 else parts[0] + 1j * parts[1]
 
     @cached_property
+    def inertia(self) -> float:
+        """Moment of inertia about the spin axis [kg m²]."""
+        v = self.values
+        return v["rotor_inertia_z"] + v["gimbal_inertia_z"] + v["shaft_inertia"]
+
+    @cached_property
+    def coil_swing(self) -> Any:
+        """Part of the coils' mean torque that is missing, as the mean tilt rate is that of the bench file [N m].
+
+        The swings of tilt and voltages are part of that rate, by the stiffness and the coil constant (`mean_rates`).
+        """
+        v, bench, w = self.values, self.bench, self.windows
+        stated = bench.flexure_stiffness * w.tilt_swing - bench.value("coil_constant") * w.volt_swing
+        own = 0.5 * (v["flexure_stiffness_x"] + v["flexure_stiffness_y"]) * w.tilt_swing
+        own = own - v["coil_constant"] * w.volt_swing
+        turned = v["rotor_inertia_z"] + 0.5 * (v["gimbal_inertia_x"] + v["gimbal_inertia_y"])
+        return own - turned / bench.precession_inertia * stated
+
+    @cached_property
+    def motor_swing(self) -> Any:
+        """Part of the motor's mean torque that is missing, as the mean acceleration is that of the bench file [N m]."""
+        stated = self.bench.value("motor_constant") * self.inertia / self.bench.axial_inertia
+        return (stated - self.values["motor_constant"]) * self.windows.current_swing
+
+    @cached_property
     def mean_current(self) -> Any:
         """Mean current of the motor [A]."""
         constant, weights = self.constant, self.at.weights
-        torque = mean(self.at.motor, weights)
+        torque = mean(self.at.motor, weights) + self.motor_swing
         if not np.ndim(constant):
             return torque / constant
         # a constant that ripples rectifies the ripple of the current
@@ -141,6 +166,9 @@ class _Predicted:
             # the gain of the torque from the beginning to the end is missing in the mean of a delayed quantity
             late = self.lag - self.instruments.lateness("coil_voltage")
             average = average + late * (self.coil.mean(axis=2) @ ACROSS) / self.windows.duration
+            average = (
+                average + self.bench.value("coil_constant") / self.values["coil_constant"] * self.coil_swing
+            )
             return _components(average + self.mean_of(self.coil_error))
         mixing = self.instruments.mixing
         if mixing is None:
@@ -187,10 +215,9 @@ class _Predicted:
             + self.constant_ripple * self.mean_current
         )
         shaft = shaft - amplitude(self.at.motor, self.motion.ripple_weights)
-        inertia = values["rotor_inertia_z"] + values["gimbal_inertia_z"] + values["shaft_inertia"]
         if not self.perfect:
             shaft = shaft * self.instruments.angle(self.order, self.windows.mean_spin)
-        return _components(shaft * (self.bench.axial_inertia / inertia))
+        return _components(shaft * (self.bench.axial_inertia / self.inertia))
 
     @property
     def order(self) -> float:

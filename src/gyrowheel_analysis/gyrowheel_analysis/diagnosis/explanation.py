@@ -6,12 +6,14 @@ diagnosis and addition therefore take the noise of the same explanation, so that
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gyrowheel_analysis.criteria import (
     ACCEPTED_GAIN_FURTHER,
     CHI2_RANGE,
+    DRIFT_ENLARGED,
     DRIFT_OR_MAP,
     EVENT_GAIN,
     MACHINE_SHARE,
@@ -21,6 +23,7 @@ from gyrowheel_analysis.criteria import (
     MEMORY_REACH,
     MEMORY_ROUGH,
     MEMORY_SHARE,
+    NOISE_CHANGED,
     TIE_LOSS,
 )
 from gyrowheel_analysis.diagnosis.event_dating import Found
@@ -114,7 +117,8 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
     `SearchEnded` ends the search with the explanation found so far, once the first effects are selected.
     """
     for _ in range(_MOST_BEGINNINGS):
-        begun, first = first, _on_machine(first, foremost(first.problem))
+        most = foremost(first.problem)
+        begun, first = first, _with_drift(_on_machine(first, most), most)
         if first is begun:
             break
     selection = select(first.problem, progress=progress)
@@ -123,6 +127,20 @@ def explained(first: Prepared, recordings: Sequence[Recording], progress: Progre
         return _searched(first, selection, recordings, progress, found)
     except SearchEnded:
         return replace(found[-1], ended=True)
+
+
+def _with_drift(prepared: Prepared, fit: Fit) -> Prepared:
+    """Return recordings with the drifts that a fit leaves; themselves where these hardly differ.
+
+    An error of a bench parameter by half is nothing that the derivatives of the stated bench explain: it looks like
+    drift until it is fitted.
+    """
+    now = prepared.problem.noise.scales
+    if not fit.terms or max(now.values()) < DRIFT_ENLARGED:
+        return prepared
+    problem = prepared.problem.with_drift_estimated(prepared.problem.fit(fit.terms, fit))
+    change = max(abs(math.log(scale / now[name])) for name, scale in problem.noise.scales.items())
+    return prepared if change < NOISE_CHANGED else replace(prepared, problem=problem)
 
 
 def _on_machine(prepared: Prepared, fit: Fit) -> Prepared:

@@ -60,17 +60,9 @@ class Noise:
         There is one balance for each recording, with independent drifts; its `predicted` rows give the accuracy of the
         model.
         """
-        averages = tuple(
-            tuple(
-                (average_covariance(balance, rows, channel, row), channel.drift)
-                for channel in in_groups("average")
-                for row in channel.rows
-                if row in balance.rows
-            )
-            for balance, rows in zip(balances, predicted, strict=True)
-        )
-        amplitudes = _amplitudes(balances, predicted, [balance.bench for balance in balances])
-        return cls(averages, amplitudes, dict.fromkeys(DRIFTS, 1.0))
+        benches = [balance.bench for balance in balances]
+        amplitudes = _amplitudes(balances, predicted, benches)
+        return cls(_averages(balances, predicted, benches), amplitudes, dict.fromkeys(DRIFTS, 1.0))
 
     def with_scales(self, scales: Mapping[str, float]) -> Noise:
         """Return the noise with other magnitudes of the drifts."""
@@ -90,19 +82,24 @@ class Noise:
         """Return the noise on a bench of other `values` [SI]; the same object where it hardly differs.
 
         The noise of a torque twice a revolution comes mostly from the readings of the tilt, times the rotor's
-        resistance there. That almost vanishes for a disc, but not for a rotor with a very different inertia.
+        resistance there. That almost vanishes for a disc, but not for a rotor with a very different inertia. That of an
+        average comes from the rates, times an inertia, and counts by the constant of coils or motor.
         `predicted` are the rows with these values; `lateness` are unstated delays of readings [s], by channel.
         """
         try:
             benches = [balance.bench.with_values(values) for balance in balances]
         except InputError:  # the fit diverged
             return self
+        averages = _averages(balances, predicted, benches)
         amplitudes = _amplitudes(balances, predicted, benches, lateness)
-        other = any(
-            np.any(np.abs(np.log(b / a)) > NOISE_CHANGED)
-            for a, b in zip(self.amplitudes, amplitudes, strict=True)
-        )
-        return replace(self, amplitudes=amplitudes) if other else self
+        pairs = list(zip(self.amplitudes, amplitudes, strict=True))
+        for before, after in zip(self.averages, averages, strict=True):
+            pairs += [
+                (np.sqrt(a.diagonal), np.sqrt(b.diagonal))
+                for (a, _), (b, _) in zip(before, after, strict=True)
+            ]
+        other = any(np.any(np.abs(np.log(b / a)) > NOISE_CHANGED) for a, b in pairs)
+        return replace(self, averages=averages, amplitudes=amplitudes) if other else self
 
     def whiten(self, rows: Array) -> Array:
         """Return rows (N, ...) divided by the square root of their covariance, less the part that events explain."""
@@ -278,6 +275,21 @@ def _narrowed(
     cost = float(rows @ rows - (design.T @ rows) @ mean + 2.0 * np.log(np.diag(root)).sum())
     spread = solve_triangular(root, np.eye(len(root)), lower=True).T
     return residual[averages] - regressors[averages] @ mean, regressors[averages] @ spread, cost
+
+
+def _averages(
+    balances: Sequence[Balance], predicted: Sequence[Array], benches: Sequence[Bench]
+) -> tuple[tuple[tuple[DriftCovariance, str], ...], ...]:
+    """Return the covariances of the averages of every recording, each with its drift."""
+    return tuple(
+        tuple(
+            (average_covariance(balance, rows, channel, row, bench), channel.drift)
+            for channel in in_groups("average")
+            for row in channel.rows
+            if row in balance.rows
+        )
+        for balance, rows, bench in zip(balances, predicted, benches, strict=True)
+    )
 
 
 def _amplitudes(

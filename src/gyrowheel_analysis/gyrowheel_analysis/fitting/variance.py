@@ -336,15 +336,21 @@ def _bursts(left: Any, right: Any, fading: Any, gain: Any, steps: Any, pairs: An
             out[k] -= steps[0, at] + steps[1, at] * one + steps[2, at] * other
 
 
-def average_covariance(balance: Balance, predicted: Array, channel: Channel, row: str) -> DriftCovariance:
+def average_covariance(
+    balance: Balance, predicted: Array, channel: Channel, row: str, bench: Bench | None = None
+) -> DriftCovariance:
     """Return the covariance of one row of the averages, given the predicted rows.
+
+    `bench` is that of the noise, by default that of the balance.
 
     Raises
     ------
     KeyError
         If the channel's quantity has no average.
     """
-    return _AVERAGES[channel.quantity](balance, np.abs(predicted[balance.row(row)]))
+    return _AVERAGES[channel.quantity](
+        balance, balance.bench if bench is None else bench, np.abs(predicted[balance.row(row)])
+    )
 
 
 def amplitude_variance(
@@ -375,9 +381,9 @@ def amplitude_variance(
     return variance
 
 
-def _coil_average(balance: Balance, rows: Array) -> DriftCovariance:
+def _coil_average(balance: Balance, bench: Bench, rows: Array) -> DriftCovariance:
     v, w = balance.bench.value, balance.windows
-    momentum = balance.bench.precession_inertia * w.mean_spin
+    momentum = bench.precession_inertia * w.mean_spin * _scaled(balance, bench, "coil_constant")
     slew = momentum * np.abs(w.mean_tilt_rate)
     white = (
         v("coil_constant") * w.noise("coil_voltage_noise")
@@ -387,39 +393,49 @@ def _coil_average(balance: Balance, rows: Array) -> DriftCovariance:
     return DriftCovariance(w.middle, white + floor, level, v("drift_time"))
 
 
-def _motor_torque(balance: Balance, rows: Array) -> DriftCovariance:
+def _motor_torque(balance: Balance, bench: Bench, rows: Array) -> DriftCovariance:
     v, w = balance.bench.value, balance.windows
-    torque, floor = _spin_acceleration(balance)
-    white = (v("motor_constant") * w.noise("motor_current_noise")) ** 2 / w.samples + torque
+    torque, floor = _spin_acceleration(balance, bench)
+    scaled = _scaled(balance, bench, "motor_constant") ** 2
+    white = (v("motor_constant") * w.noise("motor_current_noise")) ** 2 / w.samples + scaled * torque
     level = v("motor_constant") * v("motor_current_drift")
-    return DriftCovariance(w.middle, white + floor, level, v("drift_time"))
+    return DriftCovariance(w.middle, white + scaled * floor, level, v("drift_time"))
 
 
-def _motor_voltage(balance: Balance, rows: Array) -> DriftCovariance:
+def _motor_voltage(balance: Balance, bench: Bench, rows: Array) -> DriftCovariance:
     v, w = balance.bench.value, balance.windows
-    torque, floor = _spin_acceleration(balance)
-    per_torque = v("motor_resistance") / v("motor_constant")
+    torque, floor = _spin_acceleration(balance, bench)
+    per_torque = bench.value("motor_resistance") / bench.value("motor_constant")
     white = w.noise("motor_voltage_noise") ** 2 / w.samples + per_torque**2 * torque
-    white = white + (v("motor_constant") * w.noise("spin_rate_noise")) ** 2 / w.samples
+    white = white + (bench.value("motor_constant") * w.noise("spin_rate_noise")) ** 2 / w.samples
     return DriftCovariance(w.middle, white + floor * per_torque**2, v("motor_voltage_drift"), v("drift_time"))
 
 
-def _spin_acceleration(balance: Balance) -> tuple[Array, Array]:
+def _spin_acceleration(balance: Balance, bench: Bench) -> tuple[Array, Array]:
     """Return the variances of the motor's torque from the noise of the acceleration, and of the balance itself."""
-    w, inertia = balance.windows, balance.bench.axial_inertia
+    w, inertia = balance.windows, bench.axial_inertia
     floor = _absolute(balance) ** 2 + (4.0 * MODEL_RELATIVE * inertia * np.abs(w.mean_spin_acceleration)) ** 2
     return inertia**2 * w.spin_acceleration_variance, floor
 
 
+def _scaled(balance: Balance, bench: Bench, constant: str) -> float:
+    """Return the factor from a torque on a bench to its row: the reading times the constant of the balance's bench."""
+    return balance.bench.value(constant) / bench.value(constant)
+
+
 def _coil_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
-    v, w, own = bench.value, balance.windows, Instruments.of(bench.values(), {})
+    constant, w, own = (
+        balance.bench.value("coil_constant"),
+        balance.windows,
+        Instruments.of(bench.values(), {}),
+    )
     # what a filter takes from the tilt is put back with its noise
     shown = own.held("coil_voltage", order, w.mean_spin) / own.smooth("tilt", order, w.mean_spin)
-    stiff = _resistance(balance, bench, order) * np.abs(shown)
-    white = (v("coil_constant") * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
+    stiff = _resistance(balance, bench, order) * np.abs(shown) * _scaled(balance, bench, "coil_constant")
+    white = (constant * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
     white = white * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
     hum = w.hum_variance[:, :, FORWARD.index(order)]
-    white = white + stiff**2 * hum[:, 0] + v("coil_constant") ** 2 * hum[:, 1]
+    white = white + stiff**2 * hum[:, 0] + constant**2 * hum[:, 1]
     white = white + w.leakage_variance[:, FORWARD.index(order)]
     return np.asarray(white + _absolute(balance) ** 2 + (MODEL_RELATIVE * size) ** 2)
 
@@ -437,21 +453,22 @@ def _angle_amplitude(balance: Balance, bench: Bench, size: Array, order: int) ->
 
 
 def _shaft_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
-    v, w = bench.value, balance.windows
+    w, inertia = balance.windows, balance.bench.axial_inertia
     speed, current = _ripple_readings(balance)
     current = current / _ripple_shown(bench, "motor_current", w) ** 2
-    swing = bench.axial_inertia * v("motor_ripple_order") * w.mean_spin
+    swing = inertia * bench.value("motor_ripple_order") * w.mean_spin
+    constant = bench.value("motor_constant") * inertia / bench.axial_inertia
     floor = torque_scale(balance.bench) * np.where(w.moving, MODEL_RIPPLE, MODEL_ABSOLUTE)
-    return np.asarray(swing**2 * speed + v("motor_constant") ** 2 * current + floor**2)
+    return np.asarray(swing**2 * speed + constant**2 * current + floor**2)
 
 
 def _winding_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
-    v, w = bench.value, balance.windows
+    v, w, resistance = bench.value, balance.windows, balance.bench.value("motor_resistance")
     speed, current = _ripple_readings(balance)
     voltage = w.noise("motor_voltage_noise") ** 2 / (2.0 * w.samples)
     voltage = voltage / _ripple_shown(bench, "motor_voltage", w) ** 2 + v("motor_constant") ** 2 * speed
-    voltage = voltage * _ripple_shown(bench, "motor_current", w) ** 2
-    return np.asarray(voltage + v("motor_resistance") ** 2 * current + VOLTAGE_FLOOR)
+    voltage = voltage * (_ripple_shown(bench, "motor_current", w) * resistance / v("motor_resistance")) ** 2
+    return np.asarray(voltage + resistance**2 * current + VOLTAGE_FLOOR)
 
 
 def _ripple_shown(bench: Bench, reading: Held, windows: Windows) -> Any:

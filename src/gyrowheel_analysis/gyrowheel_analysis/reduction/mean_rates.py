@@ -33,8 +33,11 @@ _WEIGHTS = 0.5 * _WEIGHTS
 
 def tilt_rate_weights(
     x: Array, design: Array, gram: Array, duration: float, late: float, bench: Bench, spin: float
-) -> tuple[Any, Any]:
+) -> tuple[Any, Any, Array, Array]:
     """Return the weights (n,) of the readings of tilt and coil voltages in the mean tilt rate of a window [rad/s].
+
+    They are followed by those in the swings of both: by what they differ from their plain means, weighted like the
+    rate.
 
     The modulating function is `_BUMP`. The torques of coils and flexures cause what the plain mean differs by; of other
     torques the row of the window has the weighted mean, which equals the plain one for what is a cubic in time.
@@ -59,7 +62,8 @@ def tilt_rate_weights(
     per_torque = 1j / (bench.precession_inertia * max(spin, _SLOWEST * bench.value("spin_rate_minimum")))
     slope, excess = (_bump_mean(of, x, design, gram) for of in (_BUMP_SLOPE, _BUMP_EXCESS))
     tilt = per_torque * bench.flexure_stiffness * excess - 2.0 / duration * slope
-    return tilt, -per_torque * bench.value("coil_constant") * _bump_mean(_BUMP_EXCESS, x, design, gram, late)
+    volts = _bump_mean(_BUMP_EXCESS, x, design, gram, late)
+    return tilt, -per_torque * bench.value("coil_constant") * volts, excess, volts
 
 
 def _bump_mean(weight: Array, x: Array, design: Array, gram: Array, late: float = 0.0) -> Array:
@@ -99,12 +103,12 @@ def planned_rate_variance(duration: float, samples: float, spin: float, bench: B
 
 def mean_acceleration(
     series: Array, left: Array, drive: Array, x: Array, duration: float, *, of_speed: bool
-) -> float:
-    """Return the mean spin acceleration of a window [rad/s²].
+) -> tuple[float, float]:
+    """Return the mean spin acceleration of a window, and the swing of the motor's part of it [rad/s²].
 
     The modulating function is 1 + cos(pi x): it begins and ends with zero and without a slope, so that no slope of the
-    angle is needed at the ends. The motor causes what the plain mean differs by: the other torques hardly change in a
-    window.
+    angle is needed at the ends. The motor causes what the plain mean differs by, its swing: the other torques hardly
+    change in a window.
 
     Parameters
     ----------
@@ -127,7 +131,8 @@ def mean_acceleration(
         weighted += turn * float(np.mean(np.sin(math.pi * x) * left))
     else:
         weighted -= turn**2 * float(np.mean(wave * left))
-    return weighted - float(np.mean(wave * (drive - drive.mean())))
+    swing = float(np.mean(wave * (drive - drive.mean())))
+    return weighted - swing, swing
 
 
 def acceleration_variance(duration: float, samples: float, angle: float, drive: float) -> float:

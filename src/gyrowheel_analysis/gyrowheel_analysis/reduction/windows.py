@@ -98,6 +98,9 @@ def still_row() -> dict[str, Any]:
         "hum_variance": np.zeros((2, orders)),
         "leakage_variance": np.zeros(orders),
         "reading_noise": np.zeros(len(READING_NOISES)),
+        "tilt_swing": 0.0j,
+        "volt_swing": 0.0j,
+        "current_swing": 0.0,
     }
 
 
@@ -162,6 +165,11 @@ class Windows:
         Variance of the mean spin acceleration from white noise of the angle readings [rad^2/s^4].
     reading_noise : ndarray (n, 6)
         Standard deviation of the white noise of the readings of `READING_NOISES` in the recording [SI].
+    tilt_swing, volt_swing : complex ndarray (n,)
+        What tilt [rad] and coil voltages [V], weighted as in the mean tilt rate, exceed their means by: with the
+        constants of the bench file these are part of that rate (`mean_rates`).
+    current_swing : ndarray (n,)
+        The same of the motor current in the mean spin acceleration [A].
     """
 
     start: Array
@@ -198,6 +206,9 @@ class Windows:
     tilt_rate_variance: Array
     spin_acceleration_variance: Array
     reading_noise: Array
+    tilt_swing: NDArray[np.complex128]
+    volt_swing: NDArray[np.complex128]
+    current_swing: Array
 
     def noise(self, name: str) -> Array:
         """Return the white noise of a reading, by its name in the bench file, (n,) [SI]."""
