@@ -86,7 +86,10 @@ def _in_processes(
         tempfile.TemporaryDirectory(prefix="gyrowheel-", dir=scratch) as place,
         _ended(get_reusable_executor),
         joblib.parallel_config("loky", inner_max_num_threads=1),
+        warnings.catch_warnings(),
     ):
+        # one that has grown is replaced by a new one, which takes over its jobs
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
         # the workers inherit the blocked signal: Ctrl-C reaches this process alone, which then ends them
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
