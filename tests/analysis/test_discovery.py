@@ -442,6 +442,17 @@ def test_a_drag_of_the_air_with_another_exponent_is_a_formula_and_no_windage(tmp
 
 
 @pytest.mark.slow
+def test_a_formula_like_an_effect_has_another_name_than_effects_of_the_model(tmp_path: Path) -> None:
+    fit, _ = hidden_law("axial_torque = -w*r^2.5*rho/rho_ref; w = 0.004 [N*m]", "quick", tmp_path)
+    known = gw.own_effect("windage_like: shaft_torque = a*z*conj(z); a = 1e-6 [N*m/rad^2]")
+    model = gw.Model().add(known, fit=gw.simulate("quick", machine=31, seed=33))
+    found = gw.diagnose(fit, model)
+    (form,) = found.free_form
+    assert form.name == "windage_like_2"
+    assert form.coefficients["n"].value == pytest.approx(2.5, abs=0.2)
+
+
+@pytest.mark.slow
 def test_windage_with_an_exponent_between_laminar_and_turbulent_flow_is_windage(tmp_path: Path) -> None:
     fit = record(tmp_path, "fit", hidden_machine(77, {"windage": {"w": 0.004, "n": 1.7}}), "quick")
     found = diagnose([fit], Model.new())

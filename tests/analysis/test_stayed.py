@@ -8,9 +8,10 @@ import pytest
 
 from gyrowheel.show.sentences.findings import event_sentence
 from gyrowheel.show.sentences.proof import proof_sentence
+from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent
 from gyrowheel_analysis.diagnosis.diagnose import diagnose
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
-from gyrowheel_analysis.diagnosis.events import as_continued, with_sizes
+from gyrowheel_analysis.diagnosis.events import as_continued, parts_between, with_sizes
 from gyrowheel_analysis.diagnosis.proof import prove
 from gyrowheel_analysis.fitting.events import Event
 from gyrowheel_analysis.fitting.preparation import Prepared, prepare
@@ -93,7 +94,7 @@ def test_burst_is_over_in_a_later_recording(recorded: list[Recording], fitted: P
 @pytest.fixture(scope="module")
 def longer(tmp_path_factory: pytest.TempPathFactory) -> list[Recording]:
     folder, machine = tmp_path_factory.mktemp("longer"), hidden_machine(14, {})
-    return [record(folder, f"run{seed}", machine, "quick", noise_seed=seed) for seed in (1, 2)]
+    return [record(folder, f"run{seed}", machine, "quick", noise_seed=seed) for seed in (1, 2, 3, 4)]
 
 
 @pytest.mark.slow
@@ -110,7 +111,37 @@ def test_change_that_stayed_is_one_event_of_recordings_that_are_fitted_together(
     event, *others = found.events
     assert event.recording == str(first.path)
     assert event.time == pytest.approx(25.0, abs=0.5)
-    assert event.still_in == ((str(second.path),) if size == SIZE else ())
+    assert event.still_in == ((second.path.name,) if size == SIZE else ())
     assert [(other.recording, other.time) for other in others] == (
         [] if size == SIZE else [(str(second.path), 0.0)]
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.5 * SIZE, SIZE])
+def test_change_stays_in_two_of_four_recordings(longer: list[Recording], size: float) -> None:
+    first = pulled(longer[0], 18.0, size)
+    later = [pulled(own, -1.0, size) for own in longer[1:3]]
+    found = diagnose([longer[3], first, *later], Model.new())
+    assert found.verdict == "nothing_missing"
+    assert not found.laws
+    (event,) = found.events
+    assert event.recording == str(first.path)
+    assert sorted(event.still_in) == ["run2", "run3"]
+
+
+@pytest.mark.slow
+def test_second_change_of_the_same_quantity_stays_with_the_first(longer: list[Recording]) -> None:
+    """At the start of the second recording both are there."""
+    first = pulled(pulled(longer[0], 18.0), 30.0)
+    found = diagnose([first, pulled(longer[1], -1.0, 2.0 * SIZE)], Model.new())
+    assert [round(event.time) for event in found.events] == [18, 30]
+    assert [event.still_in for event in found.events] == [("run2",)] * 2
+
+
+def test_parts_of_recordings_leave_out_a_change_before_the_start() -> None:
+    change = DatedEvent("second", 0.0, 0.0, None, None, "step", "torque_x", 1e-3, 1e-5, "N*m", 30.0)
+    assert list(parts_between([change])) == ["second"]
+    assert event_sentence(change).startswith(
+        "From the start there was a torque of 1.000 ± 0.010 mN·m about case x"
     )

@@ -43,7 +43,7 @@ def search_events(
     found: list[Found] = []
     laws: list[MotionLaw] = []
     of_recordings = places(problem)
-    while len(found) < _MOST:
+    while sum(f.event.time != BEFORE for f in found) < _MOST:
         evidence = Evidence(problem.with_events(all_of(found)), fit, rows_of(problem, laws))
         candidates = scan(evidence, of_recordings)
         best = _simplest(candidates)
@@ -58,37 +58,70 @@ def search_events(
         else:
             law = law_of_shape(problem, dated.event, best.score)
         if law is not None:
-            if any(
-                law.quantities == own.quantities and np.array_equal(law.course, own.course) for own in laws
-            ):
+            if any(_same_law(law, own) for own in laws):
                 break  # it is set apart already, and explains nothing
             laws.append(law)
             if len(laws) > MOTION_LAWS:
                 break
             continue
         found.append(replace(dated, ties=_ties(candidates, best, dated)))
-    return _stayed(fitted_together(problem, fit, found, laws, recordings), laws)
+        if dated.event.kind in STAYS:
+            found += _stayed(problem, fit, found, laws, price("step", of_recordings))
+    found = fitted_together(problem, fit, found, laws, recordings)
+    return found + _offsets(found, laws), [law for law in laws if not _begun(found, law)]
 
 
-def _stayed(found: Sequence[Found], laws: Sequence[MotionLaw]) -> tuple[list[Found], list[MotionLaw]]:
-    """Return events and laws; an offset of a recording that began in another one is an event before its start."""
-    events, kept = list(found), []
+def _same_law(one: MotionLaw, other: MotionLaw) -> bool:
+    known = (one.recording, one.variable, one.quantities, one.lag)
+    return known == (other.recording, other.variable, other.quantities, other.lag) and np.array_equal(
+        one.course, other.course
+    )
+
+
+def _stayed(
+    problem: Problem, fit: Fit, found: Sequence[Found], laws: Sequence[MotionLaw], chance: float
+) -> list[Found]:
+    """Return the last change that was found as it is there from the start of other recordings.
+
+    `chance` is the gain of a step by chance.
+    """
+    able = [
+        tuple(
+            replace(event, recording=k, kind="step", time=BEFORE, end=math.inf) for event in found[-1].events
+        )
+        for k in range(len(problem.balances))
+        if k != found[-1].event.recording
+    ]
+    result: list[Found] = []
+    while able:
+        evidence = Evidence(problem.with_events(all_of([*found, *result])), fit, rows_of(problem, laws))
+        gains = [gain_of(evidence, [events]) for events in able]
+        best = int(np.argmax(gains))
+        if gains[best] < EVENT_GAIN + chance:
+            break
+        result.append(Found(able.pop(best), (0.0,), gains[best]))
+    known = {(e.recording, e.quantity) for f in found if f.event.time == BEFORE for e in f.events}
+    return [own for own in result if not known.issuperset((e.recording, e.quantity) for e in own.events)]
+
+
+def _begun(found: Sequence[Found], law: MotionLaw) -> bool:
+    """Whether a law is an offset of a quantity that changed in another recording: an event before the start."""
+    began = {
+        e.quantity for f in found if f.event.recording != law.recording for e in f.events if e.kind in STAYS
+    }
+    return law.variable == "offset" and bool(began.intersection(law.quantities))
+
+
+def _offsets(found: Sequence[Found], laws: Sequence[MotionLaw]) -> list[Found]:
+    """Return the offsets of quantities that changed in another recording as events before the start."""
+    known = {(e.recording, e.quantity) for f in found if f.event.time == BEFORE for e in f.events}
+    result = []
     for law in laws:
-        began = {
-            e.quantity
-            for f in found
-            if f.event.recording != law.recording
-            for e in f.events
-            if e.kind in STAYS
-        }
-        if law.variable == "offset" and began.intersection(law.quantities):
-            there = tuple(
-                Event(law.recording, name, "step", BEFORE) for name in law.quantities if name in began
-            )
-            events.append(Found(there, (0.0,), law.score))
-        else:
-            kept.append(law)
-    return events, kept
+        names = [name for name in law.quantities if (law.recording, name) not in known]
+        if names and _begun(found, law):
+            events = tuple(Event(law.recording, name, "step", BEFORE) for name in names)
+            result.append(Found(events, (0.0,), law.score))
+    return result
 
 
 def fitted_together(
@@ -111,6 +144,9 @@ def fitted_together(
         before = list(own)
         k = 0
         while k < len(own):
+            if own[k].event.time == BEFORE:
+                k += 1
+                continue
             others = own[:k] + own[k + 1 :]
             evidence = Evidence(problem.with_events(all_of(others)), fit, law_rows)
             candidate = best_at(evidence, own[k].events, of_recordings)

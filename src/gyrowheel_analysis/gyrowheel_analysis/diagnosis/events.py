@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -186,7 +187,7 @@ def as_continued(
     the recording likelier by more than chance does, and else it is not expected.
     """
     validation = without_warming(validation, problem, fit, found)
-    staying = [own for own in found if own.event.kind in STAYS and own.event.time != BEFORE]
+    staying = [own for own in found if own.event.kind in STAYS]
     if validation is None or not staying:
         return validation
     plain = validation.problem.with_scales(problem.noise.scales)
@@ -253,11 +254,19 @@ def unused_events(validation: Prepared | None, fit: Fit, recordings: Sequence[Re
 
 
 def as_events(dated: Sequence[DatedEvent], names: Sequence[str]) -> list[Event]:
-    """Return the events in the recordings `names` with the numbers of these recordings."""
+    """Return the events in the recordings `names`, with those that stayed there, by the numbers of these recordings."""
+    own = [d for d in dated if d.recording in names]
     return [
-        Event(names.index(d.recording), d.channel, d.kind, d.time, math.inf if d.end is None else d.end)
-        for d in dated
-        if d.recording in names
+        *(
+            Event(names.index(d.recording), d.channel, d.kind, d.time, math.inf if d.end is None else d.end)
+            for d in own
+        ),
+        *(
+            Event(k, d.channel, "step", BEFORE)
+            for d in own
+            for k, name in enumerate(names)
+            if Path(name).name in d.still_in
+        ),
     ]
 
 
@@ -282,45 +291,46 @@ def with_sizes(
 ) -> list[DatedEvent]:
     """Return the events at a time, with their sizes given a fit, and where in other recordings they stayed.
 
-    A change that is there from the start of a recording is the one that began in another, if it has the same size.
+    A change that is there from the start of a recording is that which began in another one, if it has the size of all
+    changes of the quantity there together.
     """
     stayed = validation.problem.stayed if validation is not None else None
-    result: list[DatedEvent] = []
-    sized = [own for own in _sizes(problem, fit, found) if own[1].kind in HAPPENS]
-    # those that were there before come last
-    for own, event, size, error in sorted(sized, key=lambda one: one[1].time == BEFORE):
-        known = next((k for k, other in enumerate(result) if _same_change(other, event, size, error)), None)
-        if event.time == BEFORE and known is not None:
-            still = (*result[known].still_in, names[event.recording])
-            result[known] = replace(result[known], still_in=still)
-            continue
-        result.append(
-            DatedEvent(
-                recording=names[event.recording],
-                time=event.time,
-                time_error=own.errors[0],
-                end=None if event.kind == "step" else event.end,
-                end_error=None if event.kind == "step" else own.errors[1],
-                kind=event.kind,
-                channel=event.quantity,
-                size=size,
-                standard_error=error,
-                unit=QUANTITIES[event.quantity].unit,
-                gain=own.gain,
-                ties=own.ties,
-                still_in=tuple(name for same, name in stayed.events if same == event) if stayed else (),
-            )
+
+    def dated(own: Found, event: Event, size: float, error: float) -> DatedEvent:
+        return DatedEvent(
+            recording=names[event.recording],
+            time=event.time,
+            time_error=own.errors[0],
+            end=None if event.kind == "step" else event.end,
+            end_error=None if event.kind == "step" else own.errors[1],
+            kind=event.kind,
+            channel=event.quantity,
+            size=size,
+            standard_error=error,
+            unit=QUANTITIES[event.quantity].unit,
+            gain=own.gain,
+            ties=own.ties,
+            still_in=tuple(name for same, name in stayed.events if same == event) if stayed else (),
         )
-    return result
 
-
-def _same_change(known: DatedEvent, event: Event, size: float, error: float) -> bool:
-    """Whether a change that was there before may be one that stayed."""
-    return (
-        known.kind in STAYS
-        and known.channel == event.quantity
-        and abs(known.size - size) < SAME_SIZE * math.hypot(known.standard_error, error)
-    )
+    every = [dated(*own) for own in _sizes(problem, fit, found) if own[1].kind in HAPPENS]
+    result, alone = [own for own in every if not own.before], []
+    for change in (own for own in every if own.before):
+        for recording in dict.fromkeys(own.recording for own in result if own.recording != change.recording):
+            began = [
+                k
+                for k, own in enumerate(result)
+                if own.recording == recording and own.channel == change.channel and own.kind in STAYS
+            ]
+            errors = math.hypot(change.standard_error, *(result[k].standard_error for k in began))
+            if began and abs(sum(result[k].size for k in began) - change.size) < SAME_SIZE * errors:
+                still = (Path(change.recording).name, *change.still_in)
+                for k in began:
+                    result[k] = replace(result[k], still_in=(*result[k].still_in, *still))
+                break
+        else:
+            alone.append(change)
+    return result + alone
 
 
 #: Changes that a turning of the rig makes: the torque of gravity on a centre of gravity off the pivot, along the spin
@@ -388,13 +398,19 @@ def missing_laws(
     problem: Problem, fit: Fit, laws: Sequence[MotionLaw], names: Sequence[str]
 ) -> list[MissingLaw]:
     """Return the laws that look like events, each once, where a fit leaves at least half of what each explains."""
-    noise = problem.noise.with_scales(dict.fromkeys(problem.noise.scales, 1.0))
-    lacking = noise.shares(fit.residual) - 1.0
+    stated = problem.with_scales(dict.fromkeys(problem.noise.scales, 1.0))
+    basis = stated.basis(fit)
+    left = np.concatenate([stated.noise.whiten(fit.residual), -fit.pull])
+    left -= basis @ (basis.T @ left)
     result: dict[tuple[int, str, tuple[str, ...]], MissingLaw] = {}
     for law in laws:
         rows = rows_of(problem, [law])
         assert rows is not None  # there is a law
-        if float(lacking[rows.any(axis=1)].sum()) > 0.5 * law.score:
+        columns = np.zeros((len(left), rows.shape[1]))
+        columns[: len(rows)] = stated.noise.whiten(rows)
+        columns -= basis @ (basis.T @ columns)
+        gain = float(left @ columns @ np.linalg.lstsq(columns, left, rcond=1e-8)[0])
+        if gain > 0.5 * law.score:
             key = law.recording, law.variable, law.quantities
             result.setdefault(key, MissingLaw(names[law.recording], law.variable, law.quantities, law.score))
     return list(result.values())
@@ -424,4 +440,4 @@ def parts_between(events: Sequence[DatedEvent]) -> Iterator[str]:
             limits = [f"from={first:.1f}"] if math.isfinite(first) else []
             limits += [f"until={last:.1f}"] if math.isfinite(last) else []
             if first < last:  # events may overlap
-                yield f"{place}@{','.join(limits)}"
+                yield f"{place}@{','.join(limits)}" if limits else str(place)

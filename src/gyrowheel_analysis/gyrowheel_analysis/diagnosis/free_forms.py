@@ -454,8 +454,10 @@ def memory_forms() -> tuple[Term, ...]:
 
 
 def with_density(effect: Effect) -> Effect:
-    """Return an effect of the air with a separate exponent of the density; any other one as it is."""
+    """Return an effect of the air of one law with a separate exponent of the density; any other one as it is."""
     laws, usual = [], {c.symbol: c.default for c in effect.coefficients}
+    if len(effect.laws) > 1 or _m in usual:
+        return effect
     for law in effect.laws:
         power = sp.simplify(rho * sp.diff(law.expression, rho) / law.expression).subs(usual)
         if not power.is_number or power == 0:

@@ -103,14 +103,23 @@ def _loosened(problem: Problem, fit: Fit) -> dict[Term, Effect]:
                 continue
             if abs(data[0] - prior.mean) > SHAPE_CONFLICT * math.hypot(data[1], prior.deviation):
                 low, high = c.bounds
-                free[c.name] = replace(c, shape_uncertainty=(high - low) / 4.0)
+                what = "exponent of the spin rate" if c.description.startswith("exponent") else c.description
+                free[c.name] = replace(
+                    c, description=what, source="fitted", shape_uncertainty=(high - low) / 4.0
+                )
         if free:
+            taken, numbers = problem.unknowns.library, itertools.count(2)
+            name = own = f"{term.name}_like"
+            while name in taken:
+                name = f"{own}_{next(numbers)}"
             other = with_density(
                 replace(
                     effect,
-                    name=f"{term.name}_like",
+                    name=name,
                     sentence=f"{effect.title}, with another {' and '.join(free)} than {term.name} has",
                     coefficients=tuple(free.get(c.name, c) for c in effect.coefficients),
+                    validity="the range of the recording",
+                    source="proposed from the recording",
                 )
             )
             result[Term(other.name, other)] = effect

@@ -273,6 +273,7 @@ def _narrowed(
     root = precision_root(design)
     mean = cho_solve((root, True), design.T @ rows)
     cost = float(rows @ rows - (design.T @ rows) @ mean + 2.0 * np.log(np.diag(root)).sum())
+    cost += 2.0 * float(np.log(sigma).sum())
     spread = solve_triangular(root, np.eye(len(root)), lower=True).T
     return residual[averages] - regressors[averages] @ mean, regressors[averages] @ spread, cost
 

@@ -18,6 +18,7 @@ from gyrowheel_analysis.fitting.fit import Fit, Point, Term, Unknowns, memory_te
 from gyrowheel_analysis.fitting.noise import Noise
 from gyrowheel_analysis.fitting.prediction import Prediction
 from gyrowheel_analysis.fitting.solver import Objective, bounded, solve
+from gyrowheel_core.errors import InputError
 from gyrowheel_sim.bench import Bench
 
 Array = NDArray[np.float64]
@@ -289,7 +290,7 @@ class Problem:
         )
 
     def _widened(self, fit: Fit) -> Fit:
-        """Return a fit whose covariance reaches as far as chi-squared allows for the times of laws with a memory.
+        """Return a fit whose covariance reaches as far as chi-squared allows for the shapes of laws with a memory.
 
         Of a time longer than a recording only the ratio of amplitude to time is determined: chi-squared rises far less
         on one side than its curvature at the fit shows. The time is held at `_REACH` standard errors on either side,
@@ -307,7 +308,10 @@ class Problem:
             widest = along
             for side in (-_REACH, _REACH):
                 held = objective.within_bounds(x + side * along)
-                there = solve(objective.holding(k, held[k]), held, columns)
+                try:
+                    there = solve(objective.holding(k, held[k]), held, columns)
+                except InputError:  # so far away nothing is finite
+                    continue
                 prior = (objective.inverse[k] * (held[k] - objective.centre[k])) ** 2
                 rise = there.chi2 + prior - fit.chi2
                 if rise > 0.0:

@@ -182,9 +182,10 @@ def event_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> l
 
     With `several` recordings each sentence names its recording.
     """
-    at_once: dict[tuple[str, str, float, float | None], list[DatedEvent]] = {}
+    at_once: dict[tuple[object, ...], list[DatedEvent]] = {}
     for event in events:
-        at_once.setdefault((event.recording, event.kind, event.time, event.end), []).append(event)
+        key = event.recording, event.kind, event.time, event.end, event.still_in
+        at_once.setdefault(key, []).append(event)
     return [_sentence(own, several) for own in at_once.values()]
 
 
@@ -203,7 +204,7 @@ def _sentence(events: Sequence[DatedEvent], several: bool) -> str:
     still = f", and is still there in {listed(list(event.still_in), 'and')}" if event.still_in else ""
     if event.before:
         were = "was" if len(events) == 1 else "were"
-        return f"From the start{where} there {were} {what.rstrip(',')} that another recording does not have."
+        return f"From the start{where} there {were} {what.rstrip(',')} that was not there at the start of another."
     if event.kind == "step" or event.end is None:
         return f"At {begin}{where} {what} appeared and stayed{still}."
     end = _time(event.end, event.end_error or 0.0)
@@ -218,10 +219,8 @@ def tie_of_event(event: DatedEvent) -> str:
     if not event.ties:
         return ""
     names = [_SIZED.sub("", _WHAT[name]).rstrip(",") for name in event.ties]
-    begin = _time(event.time, event.time_error)
-    return (
-        f"what began at {begin} could also be {listed(names, 'or')}: these recordings do not tell them apart"
-    )
+    begin = "is there from the start" if event.before else f"began at {_time(event.time, event.time_error)}"
+    return f"what {begin} could also be {listed(names, 'or')}: these recordings do not tell them apart"
 
 
 def turned_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> list[str]:
@@ -234,9 +233,11 @@ def turned_sentences(events: Sequence[DatedEvent], *, several: bool = False) -> 
             _WHAT[e.channel].format(with_error(e.size, e.standard_error, e.unit, pure=False)) for e in at_once
         ]
         what = listed([part.rstrip(",") for part in each], "and")
+        before = at_once[0].before
+        begin = "From the start" if before else f"At {_time(time, at_once[0].time_error)}"
         said.append(
-            f"At {_time(time, at_once[0].time_error)}{where} either the rig was turned and its centre of gravity is "
-            f"off the pivot (gravity_offset), or {what} appeared: the recording does not state how the rig stood, so "
+            f"{begin}{where} either the rig was turned and its centre of gravity is off the pivot (gravity_offset), or "
+            f"{what} {'was there' if before else 'appeared'}: the recording does not state how the rig stood, so "
             "neither can be concluded."
         )
     return said
