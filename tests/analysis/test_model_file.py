@@ -419,7 +419,7 @@ def test_an_effect_that_takes_a_name_in_use_is_refused(tmp_path: Path) -> None:
         add_effect(Model.new(), [own, own], [fit])
 
 
-@pytest.mark.study  # test_discovery.py finds the formula
+@pytest.mark.study  # test_unknown_laws.py finds the formula
 @pytest.mark.slow
 def test_a_proposal_is_added_to_the_model_unchanged(tmp_path: Path) -> None:
     machine = hidden_machine(8, {"three_lobed": {"A": 0.003}})
