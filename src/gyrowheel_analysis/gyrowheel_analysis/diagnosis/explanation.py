@@ -58,9 +58,9 @@ class Explanation:
     """The explanation of recordings: effects, an optional free form, and events.
 
     `fitted` has the noise and the events; `weighed` the same noise without events, their part still in the rows.
-    `rejected` are terms that were found and make the prediction of unused data worse. `like_events` are functions of
-    the motion that look like events; a free form describes them. `ended` is whether `SearchEnded` ended the search
-    early.
+    `rejected` are terms that were found and make the prediction of unused data worse. `laws` are functions of the
+    motion that look like events, and that nothing found describes. `ended` is whether `SearchEnded` ended the search
+    early. `without_form` is the explanation without the free form, with the noise that it had then.
     """
 
     fitted: Prepared
@@ -69,23 +69,22 @@ class Explanation:
     proposal: Proposal | None
     happened: list[Found]
     rejected: tuple[str, ...] = ()
-    like_events: tuple[MotionLaw, ...] = ()
+    laws: tuple[MotionLaw, ...] = ()
     ended: bool = False
-
-    @property
-    def laws(self) -> tuple[MotionLaw, ...]:
-        """Functions of the motion that look like events, and that nothing found describes."""
-        return () if self.proposal else self.like_events
+    without_form: Explanation | None = None
 
     def validated_by(self, validation: Prepared | None) -> Explanation:
         """Return the explanation with recordings for validation, which have the same noise."""
         if validation is None:
             return self
-        if self.weighed.weighed_by is not None:
-            validation = validation.reweighed(self.weighed.weighed_by)
-        weighed = replace(self.weighed, validation=validation)
-        plain = as_continued(validation, self.problem, self.best, self.happened)
-        return replace(self, fitted=replace(self.fitted, validation=plain), weighed=weighed)
+        by = self.weighed.weighed_by
+        own = validation if by is None else validation.reweighed(by)
+        weighed = replace(self.weighed, validation=own)
+        plain = as_continued(own, self.problem, self.best, self.happened)
+        base = self.without_form and self.without_form.validated_by(validation)
+        return replace(
+            self, fitted=replace(self.fitted, validation=plain), weighed=weighed, without_form=base
+        )
 
     @property
     def problem(self) -> Problem:
@@ -330,11 +329,21 @@ def _explained(
         proposal = search(weighed.problem, selection, among=among, below=below, progress=progress)
         outcome = Outcome(weighed.problem, selection, proposal, [])
     fitted, proposal = replace(weighed, problem=outcome.problem), outcome.proposal
-    if proposal is not None:
-        if not outcome.events:
-            # the effects selected in its place may have described another machine
-            fitted = weighed = fitted.reweighed(proposal.fit)
-        fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
-        proposal = settled(fitted.problem, proposal)
-    weighed = replace(weighed, problem=weighed.problem.with_scales(fitted.problem.noise.scales))
-    return Explanation(fitted, weighed, outcome.selection, proposal, outcome.events, like_events=outcome.laws)
+    base = Explanation(
+        fitted, _scaled(weighed, fitted), outcome.selection, None, outcome.events, laws=outcome.laws
+    )
+    if proposal is None:
+        return base
+    if not outcome.events:
+        # the effects selected in its place may have described another machine
+        fitted = weighed = fitted.reweighed(proposal.fit)
+    fitted = replace(fitted, problem=fitted.problem.with_drift_estimated(proposal.fit))
+    proposal = settled(fitted.problem, proposal)
+    return replace(
+        base, fitted=fitted, weighed=_scaled(weighed, fitted), proposal=proposal, laws=(), without_form=base
+    )
+
+
+def _scaled(prepared: Prepared, by: Prepared) -> Prepared:
+    """Return recordings with the drifts of others."""
+    return replace(prepared, problem=prepared.problem.with_scales(by.problem.noise.scales))

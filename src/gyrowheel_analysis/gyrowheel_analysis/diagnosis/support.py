@@ -109,20 +109,18 @@ def _without(explanation: Explanation, term: Term) -> Explanation:
     if proposal is not None and not is_form:
         rest = explanation.problem.fit(tuple(t for t in proposal.fit.terms if t != term), proposal.fit)
         return replace(explanation, proposal=replace(proposal, fit=rest), rejected=rejected)
-    chosen = explanation.selection
+    base = explanation if explanation.without_form is None else explanation.without_form
+    chosen, problem = base.selection, base.problem
     left = tuple(t for t in chosen.best.terms if t != term)
-    problem = explanation.problem
-    if proposal is not None:  # its noise left out what the form described
+    if is_form:  # its noise may be that of a missing law
         problem = problem.with_drift_estimated()
     best = problem.refined(problem.fit(left, chosen.best))
     pool = tuple(t for t in chosen.pool if t != term)
     return replace(
-        explanation,
-        fitted=replace(explanation.fitted, problem=problem),
-        weighed=replace(
-            explanation.weighed, problem=explanation.weighed.problem.with_scales(problem.noise.scales)
-        ),
+        base,
+        fitted=replace(base.fitted, problem=problem),
+        weighed=replace(base.weighed, problem=base.weighed.problem.with_scales(problem.noise.scales)),
         selection=replace(chosen, problem=problem, null=problem.fit(()), best=best, pool=pool),
-        proposal=None,
         rejected=rejected,
+        ended=explanation.ended,
     )
