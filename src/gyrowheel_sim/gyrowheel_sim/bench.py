@@ -6,7 +6,7 @@ import functools
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -33,6 +33,16 @@ from gyrowheel_sim.parameter import (
 
 #: Files of the benches that come with the project, by name.
 _SHIPPED = {"gyrowheel": "bench.yaml", "dtg": "dtg.yaml"}
+
+
+def precession_inertia(value: Callable[[str], float]) -> float:
+    """Return `Bench.precession_inertia` [kg m^2] for the parameters that `value` gives by name."""
+    return value("rotor_inertia_z") + 0.5 * (value("gimbal_inertia_x") + value("gimbal_inertia_y"))
+
+
+def axial_inertia(value: Callable[[str], float]) -> float:
+    """Return `Bench.axial_inertia` [kg m^2] for the parameters that `value` gives by name."""
+    return value("rotor_inertia_z") + value("gimbal_inertia_z") + value("shaft_inertia")
 
 
 @dataclass(frozen=True)
@@ -155,9 +165,7 @@ class Bench:
     @property
     def precession_inertia(self) -> float:
         """Angular momentum that a slow precession turns, over the spin rate: Irz + (Igx + Igy)/2 [kg m^2]."""
-        return self.value("rotor_inertia_z") + 0.5 * (
-            self.value("gimbal_inertia_x") + self.value("gimbal_inertia_y")
-        )
+        return precession_inertia(self.value)
 
     @property
     def transverse_inertia(self) -> float:
@@ -172,7 +180,7 @@ class Bench:
     @property
     def axial_inertia(self) -> float:
         """Moment of inertia of everything that turns with the shaft [kg m^2]."""
-        return self.value("rotor_inertia_z") + self.value("gimbal_inertia_z") + self.value("shaft_inertia")
+        return axial_inertia(self.value)
 
     @property
     def tuning_inertia(self) -> float:

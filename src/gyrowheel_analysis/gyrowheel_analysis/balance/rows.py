@@ -13,7 +13,7 @@ from gyrowheel_analysis.balance.motion import ACROSS, WEIGHTS, amplitude, mean
 from gyrowheel_analysis.balance.torques import Instants, coil_voltages
 from gyrowheel_analysis.channels import Channel, Quantity
 from gyrowheel_analysis.reduction.windows import FORWARD, HARMONICS, Windows
-from gyrowheel_sim.bench import Bench
+from gyrowheel_sim.bench import Bench, axial_inertia, precession_inertia
 from gyrowheel_sim.effects.targets import added, changed
 
 Array = NDArray[np.float64]
@@ -112,8 +112,7 @@ class _Predicted:
     @cached_property
     def inertia(self) -> float:
         """Moment of inertia about the spin axis [kg m²]."""
-        v = self.values
-        return v["rotor_inertia_z"] + v["gimbal_inertia_z"] + v["shaft_inertia"]
+        return axial_inertia(self.values.__getitem__)
 
     @cached_property
     def coil_swing(self) -> Any:
@@ -125,8 +124,7 @@ class _Predicted:
         stated = bench.flexure_stiffness * w.tilt_swing - bench.value("coil_constant") * w.volt_swing
         own = 0.5 * (v["flexure_stiffness_x"] + v["flexure_stiffness_y"]) * w.tilt_swing
         own = own - v["coil_constant"] * w.volt_swing
-        turned = v["rotor_inertia_z"] + 0.5 * (v["gimbal_inertia_x"] + v["gimbal_inertia_y"])
-        return own - turned / bench.precession_inertia * stated
+        return own - precession_inertia(v.__getitem__) / bench.precession_inertia * stated
 
     @cached_property
     def motor_swing(self) -> Any:

@@ -43,7 +43,7 @@ def search_events(
     found: list[Found] = []
     laws: list[MotionLaw] = []
     of_recordings = places(problem)
-    while sum(f.event.time != BEFORE for f in found) < _MOST:
+    while sum(not f.event.before for f in found) < _MOST:
         evidence = Evidence(problem.with_events(all_of(found)), fit, rows_of(problem, laws))
         candidates = scan(evidence, of_recordings)
         best = _simplest(candidates)
@@ -68,7 +68,7 @@ def search_events(
         if dated.event.kind in STAYS:
             found += _stayed(problem, fit, found, laws, price("step", of_recordings))
     found = fitted_together(problem, fit, found, laws, recordings)
-    return found + _offsets(found, laws), [law for law in laws if not _begun(found, law)]
+    return _with_offsets(found, laws)
 
 
 def _same_law(one: MotionLaw, other: MotionLaw) -> bool:
@@ -85,12 +85,11 @@ def _stayed(
 
     `chance` is the gain of a step by chance.
     """
+    last, known = found[-1], _before(found)
     able = [
-        tuple(
-            replace(event, recording=k, kind="step", time=BEFORE, end=math.inf) for event in found[-1].events
-        )
+        tuple(Event(k, event.quantity, "step", BEFORE) for event in last.events)
         for k in range(len(problem.balances))
-        if k != found[-1].event.recording
+        if k != last.event.recording and not known.issuperset((k, event.quantity) for event in last.events)
     ]
     result: list[Found] = []
     while able:
@@ -100,28 +99,33 @@ def _stayed(
         if gains[best] < EVENT_GAIN + chance:
             break
         result.append(Found(able.pop(best), (0.0,), gains[best]))
-    known = {(e.recording, e.quantity) for f in found if f.event.time == BEFORE for e in f.events}
-    return [own for own in result if not known.issuperset((e.recording, e.quantity) for e in own.events)]
-
-
-def _begun(found: Sequence[Found], law: MotionLaw) -> bool:
-    """Whether a law is an offset of a quantity that changed in another recording: an event before the start."""
-    began = {
-        e.quantity for f in found if f.event.recording != law.recording for e in f.events if e.kind in STAYS
-    }
-    return law.variable == "offset" and bool(began.intersection(law.quantities))
-
-
-def _offsets(found: Sequence[Found], laws: Sequence[MotionLaw]) -> list[Found]:
-    """Return the offsets of quantities that changed in another recording as events before the start."""
-    known = {(e.recording, e.quantity) for f in found if f.event.time == BEFORE for e in f.events}
-    result = []
-    for law in laws:
-        names = [name for name in law.quantities if (law.recording, name) not in known]
-        if names and _begun(found, law):
-            events = tuple(Event(law.recording, name, "step", BEFORE) for name in names)
-            result.append(Found(events, (0.0,), law.score))
     return result
+
+
+def _before(found: Sequence[Found]) -> set[tuple[int, str]]:
+    """Return recordings and quantities of changes before the start."""
+    return {(event.recording, event.quantity) for f in found for event in f.events if event.before}
+
+
+def _with_offsets(found: Sequence[Found], laws: Sequence[MotionLaw]) -> tuple[list[Found], list[MotionLaw]]:
+    """Return events and laws; an offset of what changed in another recording is an event before the start."""
+    events, others, known = list(found), [], _before(found)
+    for law in laws:
+        changed = {
+            e.quantity
+            for f in found
+            if f.event.recording != law.recording
+            for e in f.events
+            if e.kind in STAYS
+        }
+        if law.variable != "offset" or not changed.intersection(law.quantities):
+            others.append(law)
+            continue
+        new = [name for name in law.quantities if (law.recording, name) not in known]
+        if new:
+            there = tuple(Event(law.recording, name, "step", BEFORE) for name in new)
+            events.append(Found(there, (0.0,), law.score))
+    return events, others
 
 
 def fitted_together(
@@ -144,7 +148,7 @@ def fitted_together(
         before = list(own)
         k = 0
         while k < len(own):
-            if own[k].event.time == BEFORE:
+            if own[k].event.before:
                 k += 1
                 continue
             others = own[:k] + own[k + 1 :]

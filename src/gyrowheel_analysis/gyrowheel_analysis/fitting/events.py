@@ -96,6 +96,11 @@ class Event:
     end: float = math.inf
 
     @property
+    def before(self) -> bool:
+        """Whether it happened before the recording."""
+        return self.kind == "step" and self.time == BEFORE
+
+    @property
     def edges(self) -> tuple[float, ...]:
         """Times of its beginning and, if any, its end [s]."""
         if self.kind in TEMPERATURES:

@@ -383,7 +383,7 @@ def amplitude_variance(
 
 def _coil_average(balance: Balance, bench: Bench, rows: Array) -> DriftCovariance:
     v, w = balance.bench.value, balance.windows
-    momentum = bench.precession_inertia * w.mean_spin * _scaled(balance, bench, "coil_constant")
+    momentum = bench.precession_inertia * w.mean_spin * _to_row(balance, bench, "coil_constant")
     slew = momentum * np.abs(w.mean_tilt_rate)
     white = (
         v("coil_constant") * w.noise("coil_voltage_noise")
@@ -396,7 +396,7 @@ def _coil_average(balance: Balance, bench: Bench, rows: Array) -> DriftCovarianc
 def _motor_torque(balance: Balance, bench: Bench, rows: Array) -> DriftCovariance:
     v, w = balance.bench.value, balance.windows
     torque, floor = _spin_acceleration(balance, bench)
-    scaled = _scaled(balance, bench, "motor_constant") ** 2
+    scaled = _to_row(balance, bench, "motor_constant") ** 2
     white = (v("motor_constant") * w.noise("motor_current_noise")) ** 2 / w.samples + scaled * torque
     level = v("motor_constant") * v("motor_current_drift")
     return DriftCovariance(w.middle, white + scaled * floor, level, v("drift_time"))
@@ -418,20 +418,17 @@ def _spin_acceleration(balance: Balance, bench: Bench) -> tuple[Array, Array]:
     return inertia**2 * w.spin_acceleration_variance, floor
 
 
-def _scaled(balance: Balance, bench: Bench, constant: str) -> float:
+def _to_row(balance: Balance, bench: Bench, constant: str) -> float:
     """Return the factor from a torque on a bench to its row: the reading times the constant of the balance's bench."""
     return balance.bench.value(constant) / bench.value(constant)
 
 
 def _coil_amplitude(balance: Balance, bench: Bench, size: Array, order: int) -> Array:
-    constant, w, own = (
-        balance.bench.value("coil_constant"),
-        balance.windows,
-        Instruments.of(bench.values(), {}),
-    )
+    w, constant = balance.windows, balance.bench.value("coil_constant")
+    own = Instruments.of(bench.values(), {})
     # what a filter takes from the tilt is put back with its noise
     shown = own.held("coil_voltage", order, w.mean_spin) / own.smooth("tilt", order, w.mean_spin)
-    stiff = _resistance(balance, bench, order) * np.abs(shown) * _scaled(balance, bench, "coil_constant")
+    stiff = _resistance(balance, bench, order) * np.abs(shown) * _to_row(balance, bench, "coil_constant")
     white = (constant * w.noise("coil_voltage_noise")) ** 2 + (stiff * w.noise("tilt_noise")) ** 2
     white = white * w.harmonic_variance[:, FORWARD.index(order)] / w.samples
     hum = w.hum_variance[:, :, FORWARD.index(order)]

@@ -171,17 +171,13 @@ def fit_window(
     )
     means = readings.mean(axis=0)
     speed = float(means[_SPIN].real)
-    rows = tilt_rate_weights(x, design, gram, duration, hold / duration, bench, speed)
-    rate, tilt_swing, volt_swing = (
-        rows[0] @ readings[:, _TILT] + rows[1] @ readings[:, _COIL],
-        rows[2] @ readings[:, _TILT],
-        rows[3] @ readings[:, _COIL],
-    )
+    *rows, of_tilt, of_volts = tilt_rate_weights(x, design, gram, duration, hold / duration, bench, speed)
+    rate = rows[0] @ readings[:, _TILT] + rows[1] @ readings[:, _COIL]
     tilt = fit[_TILT, :degree].copy()
     tilt[1] += 0.5 * (rate * duration - tilt @ RISE)
     rate_variance = sum(
         float(np.sum(np.abs(row) ** 2)) * _deviation(name, row, noise, factors) ** 2
-        for row, name in zip(rows[:2], ("tilt_noise", "coil_voltage_noise"), strict=True)
+        for row, name in zip(rows, ("tilt_noise", "coil_voltage_noise"), strict=True)
     )
     if any(part.max() > 1.0 for part in factors.values()):
         noise = noise * np.sqrt([factors[name].mean() for name in READING_NOISES])
@@ -236,8 +232,8 @@ def fit_window(
         "tilt_rate_variance": rate_variance,
         "spin_acceleration_variance": spin_variance,
         "reading_noise": noise,
-        "tilt_swing": tilt_swing,
-        "volt_swing": volt_swing,
+        "tilt_swing": of_tilt @ readings[:, _TILT],
+        "volt_swing": of_volts @ readings[:, _COIL],
         "current_swing": swing * bench.axial_inertia / bench.value("motor_constant"),
     }
 
