@@ -272,7 +272,8 @@ def test_estimates_are_marked_calibrated_once_both_constants_are_learned() -> No
                 (learned, [0.021 / 1e-5, 0.021 / 1e-5, 0.031 / 2e-5]),
             )
         )
-        gone = np.sqrt(np.maximum(stated.constants_std**2 - learned.constants_std**2, 0.0))
+        variance = stated.constants_std**2 - learned.constants_std**2
+        gone = np.sign(variance) * np.sqrt(np.abs(variance))
         assert gone == pytest.approx(np.sqrt(stated_share**2 - learned_share**2), rel=0.1, abs=2e-6)
 
 
