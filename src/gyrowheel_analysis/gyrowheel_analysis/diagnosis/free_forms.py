@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import sympy as sp
@@ -453,18 +453,39 @@ def memory_forms() -> tuple[Term, ...]:
     return tuple(result)
 
 
-def with_density(effect: Effect) -> Effect:
-    """Return an effect of the air of one law with a separate exponent of the density; any other one as it is."""
-    laws, usual = [], {c.symbol: c.default for c in effect.coefficients}
-    if len(effect.laws) > 1 or _m in usual:
+def like(effect: Effect, shapes: Collection[str], name: str) -> Effect:
+    """Return a form with the law of an effect, but some of its shapes free, and any exponent of the air's density."""
+    free = tuple(_freed(c) if c.name in shapes else c for c in effect.coefficients)
+    form = _with_density(replace(effect, coefficients=free))
+    powers = [c for c in form.shapes if c.description.startswith(_IS_EXPONENT)]
+    but = ", ".join(f"{c.description.removeprefix(_IS_EXPONENT)}^{c.name}" for c in powers)
+    return replace(
+        form,
+        name=name,
+        sentence=f"like {effect.name} ({effect.title}), but {but or 'with another ' + ' and '.join(shapes)}",
+        validity="the range of the recording",
+        source="proposed from the recording",
+    )
+
+
+def _freed(shape: Coefficient) -> Coefficient:
+    """Return a shape as any value within its bounds; that of an effect of the air is an exponent of the speed."""
+    low, high = shape.bounds
+    of_speed = shape.description.startswith(_IS_EXPONENT)
+    text = f"{_IS_EXPONENT}speed" if of_speed else shape.description
+    return replace(shape, description=text, source="fitted", shape_uncertainty=(high - low) / 4.0)
+
+
+def _with_density(effect: Effect) -> Effect:
+    """Return an effect with one law that depends on the density, with a separate exponent of it; others as they are."""
+    law, *others = effect.laws
+    usual = {c.symbol: c.default for c in effect.coefficients}
+    power = sp.simplify(rho * sp.diff(law.expression, rho) / law.expression).subs(usual)
+    if others or _m in usual or not power.is_number or power == 0:
         return effect
-    for law in effect.laws:
-        power = sp.simplify(rho * sp.diff(law.expression, rho) / law.expression).subs(usual)
-        if not power.is_number or power == 0:
-            return effect
-        laws.append(replace(law, expression=law.expression.subs(rho, rho_ref) * (rho / rho_ref) ** _m))
+    law = replace(law, expression=law.expression.subs(rho, rho_ref) * (rho / rho_ref) ** _m)
     own = _shape("m", float(power), 0.5, f"{_IS_EXPONENT}density", (-4.0, 8.0))
-    return replace(effect, laws=tuple(laws), coefficients=(*effect.coefficients, own))
+    return replace(effect, laws=(law,), coefficients=(*effect.coefficients, own))
 
 
 def kind_of(name: str) -> str:

@@ -24,7 +24,7 @@ from gyrowheel_analysis.criteria import (
     SHAPE_CONFLICT,
     TIE_LOSS,
 )
-from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, kind_of, memory_forms, with_density
+from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, kind_of, like, memory_forms
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
@@ -37,7 +37,7 @@ from gyrowheel_analysis.diagnosis.selection import (
 )
 from gyrowheel_analysis.fitting.fit import Fit, Prior, Term, without_prior
 from gyrowheel_analysis.fitting.problem import Problem
-from gyrowheel_sim.effects.declaration import Effect
+from gyrowheel_sim.effects.declaration import Coefficient, Effect
 from gyrowheel_sim.effects.registry import for_bench
 
 Array = NDArray[np.float64]
@@ -93,37 +93,25 @@ def _loosened(problem: Problem, fit: Fit) -> dict[Term, Effect]:
         effect = term.effect
         if effect is None or effect.states or term.name in problem.unknowns.known:
             continue
-        free = {}
-        for c in effect.shapes:
-            prior = Prior(c.default, c.shape_uncertainty) if c.shape_uncertainty else None
-            data = without_prior(
-                fit.coefficients[term.name][c.name], fit.standard_error(term.name, c.name), prior
-            )
-            if prior is None or data is None:
-                continue
-            if abs(data[0] - prior.mean) > SHAPE_CONFLICT * math.hypot(data[1], prior.deviation):
-                low, high = c.bounds
-                what = "exponent of the spin rate" if c.description.startswith("exponent") else c.description
-                free[c.name] = replace(
-                    c, description=what, source="fitted", shape_uncertainty=(high - low) / 4.0
-                )
+        free = [c.name for c in effect.shapes if _contradicted(fit, term, c)]
         if free:
-            taken, numbers = problem.unknowns.library, itertools.count(2)
-            name = own = f"{term.name}_like"
-            while name in taken:
-                name = f"{own}_{next(numbers)}"
-            other = with_density(
-                replace(
-                    effect,
-                    name=name,
-                    sentence=f"{effect.title}, with another {' and '.join(free)} than {term.name} has",
-                    coefficients=tuple(free.get(c.name, c) for c in effect.coefficients),
-                    validity="the range of the recording",
-                    source="proposed from the recording",
-                )
-            )
-            result[Term(other.name, other)] = effect
+            names = itertools.chain([""], (f"_{number}" for number in itertools.count(2)))
+            every = (f"{term.name}_like{end}" for end in names)
+            name = next(own for own in every if own not in problem.unknowns.library)
+            result[Term(name, like(effect, free, name))] = effect
     return result
+
+
+def _contradicted(fit: Fit, term: Term, shape: Coefficient) -> bool:
+    """Whether the data disagree with a shape of the source of an effect."""
+    if not shape.shape_uncertainty:
+        return False
+    prior = Prior(shape.default, shape.shape_uncertainty)
+    value, error = fit.coefficients[term.name][shape.name], fit.standard_error(term.name, shape.name)
+    data = without_prior(value, error, prior)
+    return data is not None and (
+        abs(data[0] - prior.mean) > SHAPE_CONFLICT * math.hypot(data[1], prior.deviation)
+    )
 
 
 def _has_shapes(fit: Fit, term: Term, effect: Effect) -> bool:

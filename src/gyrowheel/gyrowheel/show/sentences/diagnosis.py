@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from gyrowheel_analysis.diagnosis.result import Diagnosis
     from gyrowheel_analysis.reduction.windows import MissedVoltages
 
-_EXPONENT = re.compile(r"\^([kq])\b")
+_EXPONENT = re.compile(r"\^([kqnm])\b")
 
 
 def form_sentence(form: FreeForm) -> str:
