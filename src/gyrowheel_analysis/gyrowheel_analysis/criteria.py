@@ -136,9 +136,9 @@ BURST_BESIDE: Final = 3
 #: Shortest trend [s] in the scan (anything shorter looks like a step), and once its ends are refined.
 TREND_SHORTEST: Final = 8.0
 TREND_SHORTEST_REFINED: Final = 2.0
-#: Shortest period [s] and smallest number of periods of a swing: tilt and speed of a plan change faster than the one,
-#: and fewer than the other look like a drift.
-SWING_FASTEST: Final = 20.0
+#: Shortest period [s] and smallest number of periods of a swing: windows of a second and more average out what is
+#: faster than the one, and fewer than the other look like a drift.
+SWING_FASTEST: Final = 2.0
 SWINGS_FEWEST: Final = 1.5
 #: Most periods of a swing in a recording: with more, the search would take the square of the length of a recording.
 SWINGS_MOST: Final = 200.0

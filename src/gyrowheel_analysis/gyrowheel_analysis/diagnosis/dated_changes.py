@@ -105,6 +105,8 @@ class DriftShape:
         From the coldest to the warmest window [K]; 0 for other shapes.
     gain : float
         Increase of twice the log likelihood of the recordings.
+    also_in : tuple of str
+        Recordings for validation in which it swings with about the same period.
     """
 
     recording: str
@@ -117,3 +119,4 @@ class DriftShape:
     time_error: float
     temperature_change: float
     gain: float
+    also_in: tuple[str, ...] = ()

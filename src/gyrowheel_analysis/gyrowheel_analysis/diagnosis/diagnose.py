@@ -179,7 +179,7 @@ def _judged(
     windows = concatenate([b.windows for b in problem.balances])
     data = window_residuals(problem.balances, windows, before.residual, problem.noise)
     events = with_sizes(problem, best, explanation.happened, paths, fitted.validation)
-    shapes = drift_shapes(problem, best, explanation.happened, paths)
+    shapes = drift_shapes(problem, best, explanation.happened, paths, fitted.validation)
     events += unused_events(fitted.validation, best, validate)
     planner = Planner(problem, best)
     missing = [_beside(problem, proposal, t) for t in proposal.kept] if proposal else selection.findings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from gyrowheel_analysis.criteria import (
     EVENT_SIMPLER,
     TREND_SHORTEST_REFINED,
 )
-from gyrowheel_analysis.diagnosis.event_scan import Candidate
+from gyrowheel_analysis.diagnosis.event_scan import PHASES, Candidate
 from gyrowheel_analysis.diagnosis.evidence import Evidence, Profiles
 from gyrowheel_analysis.fitting.events import HAPPENS, MOTION, Event
 from gyrowheel_analysis.fitting.preparation import samples_of
@@ -66,7 +66,7 @@ def with_times(evidence: Evidence, candidate: Candidate, recording: Recording) -
         return tuple(event.at(*edges) for event in candidate.events)
 
     if first.kind == "swing":
-        return _swinging(evidence, candidate)
+        return _swinging(evidence, candidate.events)
     if first.kind not in HAPPENS:
         return Found(candidate.events, tuple(0.0 for _ in edges), candidate.gain)
     if first.kind == "trend":
@@ -121,20 +121,32 @@ def _grown(evidence: Evidence, candidate: Candidate, spans: Sequence[tuple[float
     return Found(events, tuple(errors.tolist()), float(gains.max()))
 
 
-def _swinging(evidence: Evidence, candidate: Candidate) -> Found:
+def swing_in(evidence: Evidence, events: Sequence[Event], recording: int) -> Found:
+    """Return swings of the same quantities and about the same period in another recording, with their best phase."""
+    there = [replace(event, recording=recording) for event in events]
+    period = there[0].end
+    begin = float(evidence.problem.balances[recording].windows.start.min())
+    peaks = begin + period * np.arange(PHASES) / (2.0 * PHASES)
+    gains = _gains(evidence, [[event.at(peak, period) for event in there] for peak in peaks.tolist()])
+    return _swinging(evidence, [event.at(float(peaks[np.argmax(gains)]), period) for event in there])
+
+
+def _swinging(evidence: Evidence, events: Sequence[Event]) -> Found:
     """Return a swing with its best phase and period by the windows."""
-    peak, period = candidate.first.edges
+    peak, period = events[0].edges
+    windows = evidence.problem.balances[events[0].recording].windows
+    turns = float((windows.start + windows.duration).max() - windows.start.min()) / period
     errors = (0.0, 0.0)
     for part in (0.15, 0.03):
-        middle = peak
-        periods = period * (1.0 + part * np.linspace(-1.0, 1.0, 11))
-        peaks = middle + period * 2.0 * part * np.linspace(-1.0, 1.0, 11)
+        # many turns add up to the same phase only if the period is right
+        periods = period * (1.0 + min(part, 1.5 * part / turns) * np.linspace(-1.0, 1.0, 11))
+        peaks = peak + period * 2.0 * part * np.linspace(-1.0, 1.0, 11)
         pairs = [(a, b) for a in peaks.tolist() for b in periods.tolist()]
-        gains = _gains(evidence, [[event.at(*pair) for event in candidate.events] for pair in pairs])
+        gains = _gains(evidence, [[event.at(*pair) for event in events] for pair in pairs])
         mean, variance = _expected(np.array(pairs), gains)
         (peak, period), errors = mean.tolist(), tuple(np.sqrt(variance).tolist())
-    events = tuple(event.at(peak, period) for event in candidate.events)
-    return Found(events, errors, gain_of(evidence, [events]))
+    found = tuple(event.at(peak, period) for event in events)
+    return Found(found, errors, gain_of(evidence, [found]))
 
 
 def _between_windows(windows: Windows, low: float, high: float) -> tuple[float, float]:

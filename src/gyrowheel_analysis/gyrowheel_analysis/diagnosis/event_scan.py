@@ -42,7 +42,8 @@ _BURST_EDGES = 300  # windows between all of which bursts are tried
 _SHORT_BURST = 16  # windows of a burst that is tried anywhere
 _BREAKS = 28  # times at which a trend may begin or end
 _PAUSE = 3600.0  # s between windows; longer than in any plan
-_PHASES = 6  # of a swing, over half a period
+#: Phases of a swing that are tried, over half a period.
+PHASES = 6
 #: Times in which a torque that follows the tilt may relax [s].
 LAGS = (3.0, 10.0, 30.0)
 
@@ -143,15 +144,15 @@ class _Bursts(Profiles):
 
 
 class _Swings(Profiles):
-    """Swings of some periods [s], each with `_PHASES` phases: all of a period are sums of the same two courses."""
+    """Swings of some periods [s], each with `PHASES` phases: all of a period are sums of the same two courses."""
 
     def __init__(self, start: Array, duration: Array, periods: Array) -> None:
         begin, self._count = float(start.min()), len(periods)
-        shift = np.arange(_PHASES) / (2.0 * _PHASES)  # of a period
+        shift = np.arange(PHASES) / (2.0 * PHASES)  # of a period
         edges = np.column_stack(
             [
                 (begin + shift * periods[:, None]).ravel(),
-                np.repeat(periods, _PHASES),
+                np.repeat(periods, PHASES),
             ]
         )
         # at the begin of the recording, and a quarter of a period later

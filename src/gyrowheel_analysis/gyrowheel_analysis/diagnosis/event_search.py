@@ -16,11 +16,18 @@ from gyrowheel_analysis.criteria import (
     EVENT_SIMPLER,
     EVENT_TIE,
     MOTION_LAWS,
+    SAME_SIZE,
 )
-from gyrowheel_analysis.diagnosis.event_dating import Found, all_of, gain_of, with_times
-from gyrowheel_analysis.diagnosis.event_scan import Candidate, best_at, places, price, scan
+from gyrowheel_analysis.diagnosis.event_dating import Found, all_of, gain_of, swing_in, with_times
+from gyrowheel_analysis.diagnosis.event_scan import PHASES, Candidate, best_at, chance, places, price, scan
 from gyrowheel_analysis.diagnosis.evidence import Evidence
-from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, law_instead, law_of_shape, rows_of
+from gyrowheel_analysis.diagnosis.motion_laws import (
+    MotionLaw,
+    gain_of_law,
+    law_instead,
+    law_of_shape,
+    rows_of,
+)
 from gyrowheel_analysis.fitting.events import BEFORE, HAPPENS, STAYS, TOGETHER, Event
 from gyrowheel_analysis.fitting.fit import Fit
 from gyrowheel_analysis.fitting.problem import Problem
@@ -52,7 +59,7 @@ def search_events(
         dated = _dated_best(evidence, candidates, best, recordings[best.first.recording])
         if any(_alike(dated.events, f.events) for f in found):
             break
-        if best.first.kind in HAPPENS:
+        if best.first.kind in (*HAPPENS, "swing"):
             score = dated.gain - price(dated.event.kind, of_recordings)
             law = law_instead(evidence, dated.events, score)
         else:
@@ -67,8 +74,22 @@ def search_events(
         found.append(replace(dated, ties=_ties(candidates, best, dated)))
         if dated.event.kind in STAYS:
             found += _stayed(problem, fit, found, laws, price("step", of_recordings))
+        elif dated.event.kind == "swing":
+            evidence = Evidence(problem.with_events(all_of(found)), fit, rows_of(problem, laws))
+            found += swings_elsewhere(evidence, dated, found)
     found = fitted_together(problem, fit, found, laws, recordings)
-    return _with_offsets(found, laws)
+    return _with_offsets(found, _needed(problem, fit, found, laws))
+
+
+def _needed(problem: Problem, fit: Fit, found: Sequence[Found], laws: Sequence[MotionLaw]) -> list[MotionLaw]:
+    """Return the laws that explain something next to the events that were found after them."""
+    result = list(laws)
+    for law in laws if found else ():
+        others = [own for own in result if own is not law]
+        evidence = Evidence(problem.with_events(all_of(found)), fit, rows_of(problem, others))
+        if gain_of_law(evidence, law) < EVENT_GAIN:
+            result = others
+    return result
 
 
 def _same_law(one: MotionLaw, other: MotionLaw) -> bool:
@@ -100,6 +121,28 @@ def _stayed(
             break
         result.append(Found(able.pop(best), (0.0,), gains[best]))
     return result
+
+
+def swings_elsewhere(evidence: Evidence, swing: Found, known: Sequence[Found] = ()) -> list[Found]:
+    """Return a swing as the other recordings show it: about the same period, and any phase and size."""
+    result = []
+    for recording in range(len(evidence.problem.balances)):
+        there = swing_in(evidence, swing.events, recording)
+        if there.gain > EVENT_GAIN + chance("swing", PHASES) and not any(
+            own.event.kind == "swing" and _same_swing(own, there) for own in known
+        ):
+            result.append(there)
+    return result
+
+
+def _same_swing(one: Found, other: Found) -> bool:
+    """Whether two swings are of one recording, with a common quantity and about the same period."""
+    if one.event.recording != other.event.recording or not {e.quantity for e in one.events} & {
+        e.quantity for e in other.events
+    }:
+        return False
+    errors = math.hypot(one.errors[1], other.errors[1])
+    return abs(one.event.end - other.event.end) < max(SAME_SIZE * errors, 0.05 * one.event.end)
 
 
 def _before(found: Sequence[Found]) -> set[tuple[int, str]]:

@@ -20,7 +20,8 @@ from gyrowheel_analysis.criteria import (
 )
 from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
 from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
-from gyrowheel_analysis.diagnosis.event_search import find, search_events
+from gyrowheel_analysis.diagnosis.event_search import find, search_events, swings_elsewhere
+from gyrowheel_analysis.diagnosis.evidence import Array, Evidence
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, rows_of
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit, predictive_cost
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
@@ -32,6 +33,7 @@ from gyrowheel_analysis.fitting.events import (
     STAYS,
     TEMPERATURES,
     Event,
+    event_columns,
     per_kelvin,
     temperature,
     unit_rows,
@@ -183,13 +185,22 @@ def as_continued(
 ) -> Prepared | None:
     """Return recordings for validation as the events of the fitted ones leave the machine.
 
-    A drift that follows a temperature goes on there. A change that stayed may be still there: it is where that makes
-    the recording likelier by more than chance does, and else it is not expected.
+    A drift that follows a temperature goes on there. A change that stayed may be still there, and what swings may do so
+    there, too: they are where that makes the recording likelier by more than chance does, and else they are not
+    expected.
     """
     validation = without_warming(validation, problem, fit, found)
-    staying = [own for own in found if own.event.kind in STAYS]
-    if validation is None or not staying:
-        return validation
+    if validation is None:
+        return None
+    other = _with_staying(validation, problem, fit, [own for own in found if own.event.kind in STAYS])
+    other = _with_swings(other, fit, [own for own in found if own.event.kind == "swing"], validation.names)
+    return replace(validation, problem=other)
+
+
+def _with_staying(validation: Prepared, problem: Problem, fit: Fit, staying: Sequence[Found]) -> Problem:
+    """Return the problem of other recordings without the changes that are still there."""
+    if not staying:
+        return validation.problem
     plain = validation.problem.with_scales(problem.noise.scales)
     able = [(own, place) for own in staying for place in range(len(plain.balances))]
     chosen: list[tuple[Found, int]] = []
@@ -203,7 +214,26 @@ def as_continued(
         (best, one), cost = tried[least], costs[least]
         chosen.append(one)
         able.remove(one)
-    return replace(validation, problem=best) if chosen else validation
+    return best if chosen else validation.problem
+
+
+def _with_swings(other: Problem, fit: Fit, swings: Sequence[Found], names: Sequence[str]) -> Problem:
+    """Return the problem of other recordings, named so, without the swings that go on there.
+
+    Of what swings only the period is known: phase and size are those that the recording shows.
+    """
+    there: list[Found] = []
+    same: list[tuple[Event, str]] = []
+    for own in swings:
+        evidence = Evidence(other.with_events(all_of(there)), other.fit(fit.terms))
+        for new in swings_elsewhere(evidence, own, there):
+            there.append(new)
+            same += [(event, names[new.event.recording]) for event in own.events]
+    if not there:
+        return other
+    with_swings = other.with_events(all_of(there))
+    sizes, covariance = with_swings.event_sizes(with_swings.fit(fit.terms))
+    return _without_rows(other, event_columns(other.balances, with_swings.events), sizes, covariance, same)
 
 
 def _with_stayed(
@@ -221,20 +251,29 @@ def _with_stayed(
         for event in own.events:
             rows = unit_rows(balance, QUANTITIES[event.quantity])
             columns[edges[place] : edges[place + 1], problem.events.index(event)] += rows
+    same = [(event, names[place]) for own, place in stayed for event in own.events]
+    return _without_rows(other, columns, sizes, covariance, same)
+
+
+def _without_rows(
+    other: Problem, columns: Array, sizes: Array, covariance: Array, same: Sequence[tuple[Event, str]]
+) -> Problem:
+    """Return a problem without events that are there, too: `columns` (N, events) of these sizes and covariance.
+
+    `same` has each event of the fitted recordings with the name of a recording in which it is there.
+    """
     scale = np.sqrt(np.diag(covariance))
     values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    rows, spread = columns @ sizes, columns @ (scale[:, None] * axes * np.sqrt(np.maximum(values, 0.0)))
+    if other.stayed is not None:
+        same, rows = [*other.stayed.events, *same], other.stayed.rows + rows
+        spread = np.hstack([other.stayed.spread, spread])
     balances = [
-        b.with_measured(b.measured - rows)
-        for b, rows in zip(other.balances, other.prediction.split(columns @ sizes), strict=True)
+        b.with_measured(b.measured - own)
+        for b, own in zip(other.balances, other.prediction.split(columns @ sizes), strict=True)
     ]
     return replace(
-        other,
-        prediction=other.prediction.with_measured(balances),
-        stayed=Stayed(
-            tuple((event, names[place]) for own, place in stayed for event in own.events),
-            columns @ sizes,
-            columns @ (scale[:, None] * axes * np.sqrt(np.maximum(values, 0.0))),
-        ),
+        other, prediction=other.prediction.with_measured(balances), stayed=Stayed(tuple(same), rows, spread)
     )
 
 
@@ -366,9 +405,14 @@ def by_attitude(
 
 
 def drift_shapes(
-    problem: Problem, fit: Fit, found: Sequence[Found], names: Sequence[str]
+    problem: Problem,
+    fit: Fit,
+    found: Sequence[Found],
+    names: Sequence[str],
+    validation: Prepared | None = None,
 ) -> list[DriftShape]:
-    """Return the shapes of drifts, with their sizes given a fit."""
+    """Return the shapes of drifts, with their sizes given a fit, and where else something swings."""
+    stayed = validation.problem.stayed if validation is not None else None
     result = []
     for own, event, size, error in _sizes(problem, fit, found):
         if event.kind in HAPPENS:
@@ -389,6 +433,7 @@ def drift_shapes(
                 time_error=own.errors[1] if event.kind == "swing" else 0.0,
                 temperature_change=span,
                 gain=own.gain,
+                also_in=tuple(name for same, name in stayed.events if same == event) if stayed else (),
             )
         )
     return result

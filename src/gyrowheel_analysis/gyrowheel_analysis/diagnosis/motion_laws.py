@@ -17,6 +17,7 @@ from gyrowheel_analysis.diagnosis.dated_changes import Variable
 from gyrowheel_analysis.diagnosis.event_scan import chance
 from gyrowheel_analysis.diagnosis.evidence import Array, Evidence, Profiles
 from gyrowheel_analysis.fitting.events import (
+    HAPPENS,
     QUANTITIES,
     TOGETHER,
     Event,
@@ -66,7 +67,7 @@ def law_instead(evidence: Evidence, events: Sequence[Event], score: float) -> Mo
     if first.kind == "step" and np.count_nonzero(windows.middle < first.time) < BURST_BESIDE:
         return MotionLaw("offset", first.recording, quantities, np.ones(len(windows)), score)
     best = _best(evidence, first.recording)
-    margin = EVENT_COMMANDED if on_commands(windows, first) else 0.0
+    margin = EVENT_COMMANDED if first.kind in HAPPENS and on_commands(windows, first) else 0.0
     return best if best is not None and best.score > score - margin else None
 
 
@@ -80,6 +81,13 @@ def law_of_shape(problem: Problem, event: Event, score: float) -> MotionLaw | No
     return MotionLaw(
         variable, event.recording, (event.quantity,), course, score, event.time if late else None
     )
+
+
+def gain_of_law(evidence: Evidence, law: MotionLaw) -> float:
+    """Return the gain of a law in twice the log likelihood."""
+    course = Profiles("step", np.zeros((1, 0)), law.course[None, :])
+    (gains,) = evidence.gains(law.quantities, law.recording, [course], law.lag)
+    return float(gains[0])
 
 
 def on_commands(windows: Windows, event: Event) -> bool:

@@ -34,7 +34,7 @@ from gyrowheel_analysis.diagnosis.channel_checks import (
 )
 from gyrowheel_analysis.diagnosis.proof_result import Left, Proof, Reason
 from gyrowheel_analysis.diagnosis.selection import expected_chi2, groups, left_out, threshold
-from gyrowheel_analysis.fitting.events import Event
+from gyrowheel_analysis.fitting.events import STAYS, Event
 from gyrowheel_analysis.fitting.fit import Fit, Term
 from gyrowheel_analysis.fitting.preparation import Prepared
 from gyrowheel_analysis.fitting.problem import Problem
@@ -240,7 +240,8 @@ def _validated(
     if other.stayed is not None:
         white = other.noise.whiten(seen.rows + other.stayed.rows)
         shown |= {
-            "stayed": tuple(dict.fromkeys(event.time for event, _ in other.stayed.events)),
+            "stayed": tuple(dict.fromkeys(e.time for e, _ in other.stayed.events if e.kind in STAYS)),
+            "swinging": tuple(dict.fromkeys(e.end for e, _ in other.stayed.events if e.kind == "swing")),
             "otherwise": float(white @ white) / n,
         }
     if seen.plain <= n + slack or (

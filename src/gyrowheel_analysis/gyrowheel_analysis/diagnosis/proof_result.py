@@ -97,6 +97,8 @@ class Proof:
         Smallest misfit that the test of every channel would have shown in four of five cases [noise floors].
     stayed : tuple of float
         Times of changes in the fitted recordings that are taken to be still there [s].
+    swinging : tuple of float
+        Periods of what swings in the fitted recordings and is taken to swing here, too [s].
     otherwise : float
         χ²/N of the prediction if they were not.
     """
@@ -120,4 +122,5 @@ class Proof:
     channels: tuple[ChannelCheck, ...] = ()
     smallest: float = 0.0
     stayed: tuple[float, ...] = ()
+    swinging: tuple[float, ...] = ()
     otherwise: float = 0.0

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gyrowheel_analysis.balance.balance import Balance
 from gyrowheel_analysis.channels import in_groups
+from gyrowheel_analysis.reduction.mean_rates import Acts, share_of_swing
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_sim.bench import Bench
 from gyrowheel_sim.effects.registry import torque_scale
@@ -60,7 +61,7 @@ class EventQuantity:
 
     `name` is as in the results' JSON, `unit` that of the size [SI]; `drifts` are the readings whose drifts its rows
     carry. `rows` gives the rows, by name, of a balance in which the quantity is larger by one unit, `width` a large
-    size of it on a bench.
+    size of it on a bench; `acts` is what it acts on.
     """
 
     name: str
@@ -68,6 +69,7 @@ class EventQuantity:
     drifts: tuple[str, ...]
     rows: Callable[[Balance], dict[str, Array]]
     width: Callable[[Bench], float]
+    acts: Acts = "reading"
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,9 @@ class Event:
         stop = start + duration
         if self.kind == "swing":
             turns = (start + 0.5 * duration - self.time) / self.end
-            return np.asarray(np.cos(2.0 * math.pi * turns) * np.sinc(duration / self.end))
+            acts = QUANTITIES[self.quantity].acts if self.quantity else "reading"
+            share = share_of_swing(math.pi * duration / self.end, acts)
+            return np.asarray(np.cos(2.0 * math.pi * turns) * share)
         if self.kind == "trend":
             return (_risen(stop, *self.edges) - _risen(start, *self.edges)) / duration
         on = np.clip((stop - self.time) / duration, 0.0, 1.0)
@@ -313,10 +317,10 @@ def _volts(bench: Bench) -> float:
 
 
 _ALL = (
-    EventQuantity("torque_x", "N*m", ("coil_voltage",), lambda b: _on_case(b, _ones(b)), _torque),
-    EventQuantity("torque_y", "N*m", ("coil_voltage",), lambda b: _on_case(b, 1j * _ones(b)), _torque),
+    EventQuantity("torque_x", "N*m", ("coil_voltage",), lambda b: _on_case(b, _ones(b)), _torque, "tilt"),
+    EventQuantity("torque_y", "N*m", ("coil_voltage",), lambda b: _on_case(b, 1j * _ones(b)), _torque, "tilt"),
     EventQuantity(
-        "spin_torque", "N*m", ("motor_current", "motor_voltage"), lambda b: _on_shaft(b, _ones(b)), _torque
+        "spin_torque", "N*m", ("motor_current", "motor_voltage"), lambda b: _on_shaft(b, _ones(b)), _torque, "spin"
     ),
     EventQuantity(
         "motor_current", "A", ("motor_current",),
@@ -331,13 +335,16 @@ _ALL = (
     EventQuantity("coil_voltage_y", "V", ("coil_voltage",), lambda b: _read_by_coil(b, "y"), _volts),
     EventQuantity(
         "spin_torque_by_speed", "N*m", ("motor_current", "motor_voltage"),
-        lambda b: _on_shaft(b, _speed(b)), _torque,
+        lambda b: _on_shaft(b, _speed(b)), _torque, "spin",
     ),
-    EventQuantity("torque_along_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(b, _tilt(b)), _torque),
     EventQuantity(
-        "torque_across_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(b, 1j * _tilt(b) * _speed(b)), _torque
+        "torque_along_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(b, _tilt(b)), _torque, "tilt"
     ),
-    EventQuantity("coil_gain", "1", ("coil_voltage",), _gain, lambda bench: 0.02),
+    EventQuantity(
+        "torque_across_tilt", "N*m", ("coil_voltage",), lambda b: _on_case(b, 1j * _tilt(b) * _speed(b)), _torque,
+        "tilt",
+    ),
+    EventQuantity("coil_gain", "1", ("coil_voltage",), _gain, lambda bench: 0.02, "tilt"),
     EventQuantity(
         "tilt_reading_x", "rad", ("coil_voltage",), lambda b: _by_parameter(b, "tilt_bias_x"),
         lambda bench: 0.02 * bench.value("tilt_reference"),
@@ -354,12 +361,13 @@ _ALL = (
     EventQuantity(
         "motor_constant", "1", ("motor_current", "motor_voltage"),
         lambda b: _by_parameter(b, "motor_constant", b.bench.value("motor_constant")), lambda bench: 0.02,
+        "spin",
     ),
     EventQuantity(
-        "coil_gain_x", "1", ("coil_voltage",), lambda b: _gain_of_axis(b, "x"), lambda bench: 0.02
+        "coil_gain_x", "1", ("coil_voltage",), lambda b: _gain_of_axis(b, "x"), lambda bench: 0.02, "tilt"
     ),
     EventQuantity(
-        "coil_gain_y", "1", ("coil_voltage",), lambda b: _gain_of_axis(b, "y"), lambda bench: 0.02
+        "coil_gain_y", "1", ("coil_voltage",), lambda b: _gain_of_axis(b, "y"), lambda bench: 0.02, "tilt"
     ),
     EventQuantity("encoder_zero", "rad", (), lambda b: _by_parameter(b, "encoder_zero"), lambda bench: 0.02),
 )  # fmt: skip

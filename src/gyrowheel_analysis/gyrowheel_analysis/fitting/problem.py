@@ -33,10 +33,10 @@ _PARTS = (0.08, 0.3, 3.0)  # of the usual time or way of a law with a memory, wi
 
 @dataclass(frozen=True)
 class Stayed:
-    """Changes in other recordings of the machine that are still there.
+    """Changes in other recordings of the machine that are still there, and what swings there, too.
 
-    `events` has each with the name of a recording in which it is still there. `rows` (N,) are what they add to the
-    measured rows, by their sizes in the others; `spread` (N, k) are the rows of the standard errors of these sizes.
+    `events` has each of the others with the name of a recording in which it is. `rows` (N,) are what they add to the
+    measured rows; `spread` (N, k) are the rows of the standard errors of their sizes.
     """
 
     events: tuple[tuple[Event, str], ...]

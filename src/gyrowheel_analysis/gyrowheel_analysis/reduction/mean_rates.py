@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,6 +23,8 @@ _SAMPLES_OF_TURN = 32  # of a planned window: its noise hardly depends on them
 _BUMP = np.array([0.625, 0.0, 3.75, 0.0, -4.375])
 _BUMP_SLOPE = np.polynomial.polynomial.polyder(_BUMP)
 _BUMP_EXCESS = np.polynomial.polynomial.polysub(_BUMP, [1.0])
+#: What a change acts on: a reading, or as a torque on the tilt or on the spin.
+Acts = Literal["reading", "tilt", "spin"]
 #: Share of the lowest spin rate of a test: a torque moves a rotor that turns more slowly, or backwards, as at this one.
 _SLOWEST = 0.01
 
@@ -74,6 +76,20 @@ def _bump_mean(weight: Array, x: Array, design: Array, gram: Array, late: float 
     exact[: DEGREE + 1] = (_WEIGHTS * polyval(_NODES, weight)) @ powers
     direct = polyval(x - late, weight) / len(x)
     return np.asarray(direct + design @ (gram @ (exact - design.T @ direct)))
+
+
+def share_of_swing(angle: Array, acts: Acts) -> Array:
+    """Return the part of the amplitude of a sine that the averages of a window have.
+
+    `angle` is half of that through which it turns in a window [rad]. Averages of readings are plain means; a torque
+    acts in the mean rates.
+    """
+    weights = _WEIGHTS
+    if acts == "tilt":
+        weights = weights * np.polynomial.polynomial.polyval(_NODES, _BUMP)
+    elif acts == "spin":
+        weights = weights * (1.0 + np.cos(math.pi * _NODES))
+    return np.asarray(np.cos(np.multiply.outer(angle, _NODES)) @ weights)
 
 
 @cache

@@ -12,7 +12,7 @@ from gyrowheel.show.sentences.findings import (
     event_sentences,
     instrument_sentence,
     law_sentence,
-    shape_sentence,
+    shape_sentences,
     turned_sentences,
 )
 from gyrowheel.show.sentences.residuals import growth_sentence
@@ -114,7 +114,7 @@ def verdict_sentence(found: Diagnosis) -> str:
     said += turned_sentences(found.turned, several=several(found))
     said += event_sentences(found.events, several=several(found))
     said += [law_sentence(law, several=several(found)) for law in found.laws]
-    said += [shape_sentence(shape, several=several(found)) for shape in found.drift_shapes]
+    said += shape_sentences(found.drift_shapes, several=several(found))
     drift = drift_sentence(
         found.drift_scales, shaped=bool(found.drift_shapes or found.events), laws=bool(found.laws)
     )

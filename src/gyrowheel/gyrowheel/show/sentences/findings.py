@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -258,17 +259,43 @@ def law_sentence(law: MissingLaw, *, several: bool = False) -> str:
     return f"There {verb} {what}{where} that {depends}: {ends}."
 
 
+def shape_sentences(shapes: Sequence[DriftShape], *, several: bool = False) -> list[str]:
+    """Return shapes of drifts; what swings with one period shares a sentence; `several` as in `event_sentences`."""
+    together: list[list[DriftShape]] = []
+    for shape in shapes:
+        known = (own for own in together if _swing_alike(own[0], shape))
+        if (same := next(known, None)) is None:
+            together.append([shape])
+        else:
+            same.append(shape)
+    return [_shape(own, several) for own in together]
+
+
 def shape_sentence(shape: DriftShape, *, several: bool = False) -> str:
     """Return the shape of a drift; `several` as in `event_sentences`."""
-    what = _WHAT[shape.channel].format(with_error(shape.size, shape.standard_error, shape.unit, pure=False))
-    where = f" In {shape.recording}," if several else ""
+    return _shape([shape], several)
+
+
+def _swing_alike(one: DriftShape, other: DriftShape) -> bool:
+    """Whether two shapes are swings of one recording, with one period as far as these are known."""
+    alike = (one.recording, one.kind, one.also_in) == (other.recording, other.kind, other.also_in)
+    errors = math.hypot(one.time_error, other.time_error)
+    return alike and one.kind == "swing" and abs(one.time - other.time) < max(3.0 * errors, 0.01 * one.time)
+
+
+def _shape(shapes: Sequence[DriftShape], several: bool) -> str:
+    shape = shapes[0]
+    sizes = [with_error(s.size, s.standard_error, s.unit, pure=False) for s in shapes]
+    each = [_WHAT[s.channel].format(size).rstrip(",") for s, size in zip(shapes, sizes, strict=True)]
+    what = listed(each, "and")
     if shape.kind == "swing":
-        period = _time(shape.time, shape.time_error)
-        said = f"{what.rstrip(',')} swings to and fro with a period of {period}."
+        also = f", also in {listed(list(shape.also_in), 'and')}" if shape.also_in else ""
+        swing = "swings" if len(shapes) == 1 else "swing"
+        said = f"{what} {swing} to and fro with a period of {_time(shape.time, shape.time_error)}{also}."
     else:
         warmer = decimal(shape.temperature_change, 1)
-        said = f"{what.rstrip(',')} follows the {_TEMPERATURES[shape.kind]}, which changed by {warmer} K."
-    return f"{where} {said}".strip() if where else said[0].upper() + said[1:]
+        said = f"{what} follows the {_TEMPERATURES[shape.kind]}, which changed by {warmer} K."
+    return f"In {shape.recording}, {said}" if several else said[0].upper() + said[1:]
 
 
 def drift_sentence(scales: Mapping[str, float], *, shaped: bool = False, laws: bool = False) -> str:

@@ -81,11 +81,17 @@ def left_sentences(proof: Proof | None, rejected: Sequence[str] = (), *, ended: 
 
 
 def _given(proof: Proof) -> str:
-    """Return what of the fitted recordings is taken to be still there."""
-    if not proof.stayed:
+    """Return what of the fitted recordings is taken to be there, too."""
+    given = []
+    if proof.stayed:
+        times = listed([f"{decimal(time, 1)} s" for time in proof.stayed], "and")
+        given.append(f"what changed at {times} is still there")
+    if proof.swinging:
+        periods = listed([f"{decimal(time, 1)} s" for time in proof.swinging], "and")
+        given.append(f"what swings with a period of {periods} does so there, too")
+    if not given:
         return ""
-    times = listed([f"{decimal(time, 1)} s" for time in proof.stayed], "and")
-    return f", given that what changed at {times} is still there (otherwise χ²/N {fixed(proof.otherwise)})"
+    return f", given that {' and '.join(given)} (otherwise χ²/N {fixed(proof.otherwise)})"
 
 
 def _parts(proof: Proof) -> str:
