@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+import gyrowheel as gw
 from gyrowheel_analysis.reduction.windows import Windows
 from gyrowheel_control.loops.closed_loop import simulate
 from gyrowheel_control.loops.controller import Gains
@@ -63,3 +64,17 @@ def assert_same_means(own: Windows, other: Windows) -> None:
         ("motor_voltage", "motor_voltage_noise"),
     ):
         assert np.all(np.abs(getattr(own, name) - getattr(other, name)) < other.noise(noise) / n)
+
+
+def hidden_law(formula: str, plan: str, folder: Path) -> tuple[Path, Path]:
+    """Return two recordings of a machine with a user-defined law, by a plan and by plan check."""
+    law = gw.own_effect(formula, name="hidden")
+    for name, seed in ((plan, 31), ("check", 32)):
+        gw.simulate(name, effects=[law], machine=31, seed=seed, folder=folder / name)
+    return folder / plan, folder / "check"
+
+
+def found_in(formula: str, plan: str, folder: Path) -> gw.Diagnosis:
+    """Return the diagnosis of a recording of a machine with a user-defined law, with the other one to validate."""
+    fit, check = hidden_law(formula, plan, folder)
+    return gw.diagnose(fit, gw.Model(), validate=check)

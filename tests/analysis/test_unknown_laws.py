@@ -20,7 +20,7 @@ from gyrowheel_core.arrays import one_thread
 from gyrowheel_recording.bags import Recording
 from gyrowheel_sim.effects import EffectValues
 
-from .machines import BENCH, hidden_machine, record
+from .machines import BENCH, found_in, hidden_law, hidden_machine, record
 
 
 @pytest.mark.slow
@@ -41,20 +41,6 @@ def test_an_effect_outside_the_library_is_unknown_with_a_formula(truth: EffectVa
     assert found.free_form[0].formula
     assert found.error is not None
     assert found.error.after.chi2_per_n < 0.5 * found.error.before.chi2_per_n
-
-
-def hidden_law(formula: str, plan: str, folder: Path) -> tuple[Path, Path]:
-    """Return two recordings of a machine with a user-defined law, by a plan and by plan check."""
-    law = gw.own_effect(formula, name="hidden")
-    for name, seed in ((plan, 31), ("check", 32)):
-        gw.simulate(name, effects=[law], machine=31, seed=seed, folder=folder / name)
-    return folder / plan, folder / "check"
-
-
-def found_in(formula: str, plan: str, folder: Path) -> gw.Diagnosis:
-    """Return the diagnosis of a recording of a machine with a user-defined law, with the other one to validate."""
-    fit, check = hidden_law(formula, plan, folder)
-    return gw.diagnose(fit, gw.Model(), validate=check)
 
 
 @pytest.mark.study
@@ -288,14 +274,6 @@ def test_a_law_that_the_largest_drift_alone_hides_is_no_event(tmp_path: Path) ->
         problem = prepare([recording], Model.new()).problem
         found = explain(problem, select(problem), [recording], among=())
     assert not found.events
-
-
-@pytest.mark.study
-def test_a_torque_that_swings_is_no_map(tmp_path: Path) -> None:
-    law = "torque = a*(sin(t/b) + i*cos(0.86*t/b)); a = 0.0003 [N*m]; b = 7 +- 0.1 [s]"
-    found = found_in(law, "survey", tmp_path)
-    assert found.map is None
-    assert {shape.kind for shape in found.drift_shapes} == {"swing"}
 
 
 @pytest.mark.slow

@@ -135,11 +135,9 @@ def _swinging(evidence: Evidence, events: Sequence[Event]) -> Found:
     """Return a swing with its best phase and period by the windows."""
     peak, period = events[0].edges
     windows = evidence.problem.balances[events[0].recording].windows
-    turns = float((windows.start + windows.duration).max() - windows.start.min()) / period
     errors = (0.0, 0.0)
     for part in (0.15, 0.03):
-        # many turns add up to the same phase only if the period is right
-        periods = period * (1.0 + min(part, 1.5 * part / turns) * np.linspace(-1.0, 1.0, 11))
+        periods = periods_about(period, windows, part)
         peaks = peak + period * 2.0 * part * np.linspace(-1.0, 1.0, 11)
         pairs = [(a, b) for a in peaks.tolist() for b in periods.tolist()]
         gains = _gains(evidence, [[event.at(*pair) for event in events] for pair in pairs])
@@ -147,6 +145,12 @@ def _swinging(evidence: Evidence, events: Sequence[Event]) -> Found:
         (peak, period), errors = mean.tolist(), tuple(np.sqrt(variance).tolist())
     found = tuple(event.at(peak, period) for event in events)
     return Found(found, errors, gain_of(evidence, [found]))
+
+
+def periods_about(period: float, windows: Windows, part: float = 0.15) -> Array:
+    """Return periods that differ by at most `part`: many turns add up to the same phase only if the period is right."""
+    turns = float((windows.start + windows.duration).max() - windows.start.min()) / period
+    return np.asarray(period * (1.0 + part * min(1.0, 1.5 / turns) * np.linspace(-1.0, 1.0, 11)))
 
 
 def _between_windows(windows: Windows, low: float, high: float) -> tuple[float, float]:

@@ -76,7 +76,7 @@ def search_events(
             found += _stayed(problem, fit, found, laws, price("step", of_recordings))
         elif dated.event.kind == "swing":
             evidence = Evidence(problem.with_events(all_of(found)), fit, rows_of(problem, laws))
-            found += swings_elsewhere(evidence, dated, found)
+            found += _swings_elsewhere(evidence, dated, found)
     found = fitted_together(problem, fit, found, laws, recordings)
     return _with_offsets(found, _needed(problem, fit, found, laws))
 
@@ -123,7 +123,7 @@ def _stayed(
     return result
 
 
-def swings_elsewhere(evidence: Evidence, swing: Found, known: Sequence[Found] = ()) -> list[Found]:
+def _swings_elsewhere(evidence: Evidence, swing: Found, known: Sequence[Found]) -> list[Found]:
     """Return a swing as the other recordings show it: about the same period, and any phase and size."""
     result = []
     for recording in range(len(evidence.problem.balances)):

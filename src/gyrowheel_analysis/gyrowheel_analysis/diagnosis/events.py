@@ -19,11 +19,12 @@ from gyrowheel_analysis.criteria import (
     SAME_SIZE,
 )
 from gyrowheel_analysis.diagnosis.dated_changes import DatedEvent, DriftShape, MissingLaw
-from gyrowheel_analysis.diagnosis.event_dating import Found, all_of
-from gyrowheel_analysis.diagnosis.event_search import find, search_events, swings_elsewhere
-from gyrowheel_analysis.diagnosis.evidence import Array, Evidence
+from gyrowheel_analysis.diagnosis.event_dating import Found, all_of, periods_about
+from gyrowheel_analysis.diagnosis.event_scan import PHASES, chance
+from gyrowheel_analysis.diagnosis.event_search import find, search_events
+from gyrowheel_analysis.diagnosis.evidence import Array
 from gyrowheel_analysis.diagnosis.motion_laws import MotionLaw, rows_of
-from gyrowheel_analysis.diagnosis.proof import lack_of_fit, predictive_cost
+from gyrowheel_analysis.diagnosis.proof import lack_of_fit, predictive_cost, sizes_elsewhere
 from gyrowheel_analysis.diagnosis.selection import Progress, Selection, select
 from gyrowheel_analysis.diagnosis.unknown import Proposal, search
 from gyrowheel_analysis.fitting.events import (
@@ -193,8 +194,9 @@ def as_continued(
     if validation is None:
         return None
     other = _with_staying(validation, problem, fit, [own for own in found if own.event.kind in STAYS])
-    other = _with_swings(other, fit, [own for own in found if own.event.kind == "swing"], validation.names)
-    return replace(validation, problem=other)
+    swings = [own for own in found if own.event.kind == "swing"]
+    other = _with_swings(other, problem, fit, swings, validation.names)
+    return validation if other is validation.problem else replace(validation, problem=other)
 
 
 def _with_staying(validation: Prepared, problem: Problem, fit: Fit, staying: Sequence[Found]) -> Problem:
@@ -217,23 +219,37 @@ def _with_staying(validation: Prepared, problem: Problem, fit: Fit, staying: Seq
     return best if chosen else validation.problem
 
 
-def _with_swings(other: Problem, fit: Fit, swings: Sequence[Found], names: Sequence[str]) -> Problem:
+def _with_swings(
+    other: Problem, problem: Problem, fit: Fit, swings: Sequence[Found], names: Sequence[str]
+) -> Problem:
     """Return the problem of other recordings, named so, without the swings that go on there.
 
-    Of what swings only the period is known: phase and size are those that the recording shows.
+    Of what swings only the period is known, and that about: phase and size are those that the recording shows.
     """
-    there: list[Found] = []
-    same: list[tuple[Event, str]] = []
     for own in swings:
-        evidence = Evidence(other.with_events(all_of(there)), other.fit(fit.terms))
-        for new in swings_elsewhere(evidence, own, there):
-            there.append(new)
-            same += [(event, names[new.event.recording]) for event in own.events]
-    if not there:
+        for place, name in enumerate(names):
+            other = _with_swing(other.with_scales(problem.noise.scales), fit, own, place, name)
+    return other
+
+
+def _with_swing(other: Problem, fit: Fit, own: Found, place: int, name: str) -> Problem:
+    """Return the problem of other recordings without a swing in one of them, itself if none shows there."""
+    windows = other.balances[place].windows
+    best: tuple[float, Array, Array, Array] | None = None
+    for period in periods_about(own.event.end, windows).tolist():
+        # two phases, a quarter of a period apart, make any other
+        parts = [
+            replace(event, recording=place, time=start, end=period)
+            for event in own.events
+            for start in (0.0, 0.25 * period)
+        ]
+        columns = event_columns(other.balances, parts)
+        sizes, covariance, gain = sizes_elsewhere(other, fit, columns)
+        if best is None or gain > best[0]:
+            best = gain, columns, sizes, covariance
+    if best is None or best[0] < EVENT_GAIN + chance("swing", len(own.events) * PHASES):
         return other
-    with_swings = other.with_events(all_of(there))
-    sizes, covariance = with_swings.event_sizes(with_swings.fit(fit.terms))
-    return _without_rows(other, event_columns(other.balances, with_swings.events), sizes, covariance, same)
+    return _without_rows(other, *best[1:], [(event, name) for event in own.events])
 
 
 def _with_stayed(

@@ -191,6 +191,22 @@ def predictive_cost(problem: Problem, fit: Fit) -> float:
     return seen.judged + seen.log_determinant
 
 
+def sizes_elsewhere(problem: Problem, fit: Fit, columns: Array) -> tuple[Array, Array, float]:
+    """Return the sizes (k,) of changes in unseen recordings, their covariance, and the fall of chi-squared by them.
+
+    `columns` (N, k) are the rows of each change of one unit. Noise and the uncertainty of a fit to others count.
+    """
+    seen = _Prediction(problem, fit)
+    white = problem.noise.whiten(columns)
+    unit = np.linalg.norm(white, axis=0)
+    unit[unit == 0.0] = 1.0
+    white = white / unit
+    weighed = seen.solved(white)
+    covariance = np.linalg.pinv(white.T @ weighed)
+    sizes = covariance @ (weighed.T @ seen.white)
+    return sizes / unit, covariance / np.outer(unit, unit), float(sizes @ (weighed.T @ seen.white))
+
+
 def costs_by_channel(problem: Problem, fit: Fit, *, exact: bool = False) -> Unseen:
     """Return the same for the rows of every channel alone, with their number.
 
