@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import gyrowheel as gw
 from gyrowheel.show.sentences.findings import shape_sentences
 from gyrowheel_analysis.diagnosis.dated_changes import DriftShape
+from gyrowheel_analysis.diagnosis.diagnose import diagnose
+from gyrowheel_analysis.model import Model
 from gyrowheel_analysis.reduction.mean_rates import Acts, share_of_swing
 
-from .machines import found_in
+from .machines import found_in, hidden_machine, record
 
 _SIZES = {"spin_torque": "on the spin", "torque_x": "about case x", "coil_gain": "torque per volt"}
 
@@ -49,10 +50,12 @@ def test_what_swings_faster_than_a_hold_is_long_is_named_with_period_and_size(
 
 @pytest.mark.slow
 def test_what_swings_in_one_recording_alone_is_not_taken_from_another(tmp_path: Path) -> None:
-    law = gw.own_effect("shaft_torque = a*sin(w*t); a = 4e-4 [N*m]; w = 1.2 +- 0.001 [1/s]", name="hidden")
-    gw.simulate("quick", effects=[law], machine=31, seed=31, folder=tmp_path / "fit")
-    gw.simulate("check", machine=31, seed=32, folder=tmp_path / "check")
-    found = gw.diagnose(tmp_path / "fit", gw.Model(), validate=tmp_path / "check", quick=True)
+    machine = hidden_machine(31, {})
+    check = record(tmp_path, "check", machine, "check", noise_seed=32)
+    fit = record(tmp_path, "fit", machine, "quick")
+    measurement = fit.measurement.copy()
+    measurement["coil_voltage_x"] += 0.03 * np.sin(1.2 * fit.time)
+    found = diagnose([replace(fit, measurement=measurement)], Model.new(), validate=[check], quick=True)
     (shape,) = found.drift_shapes
     assert shape.also_in == ()
     assert found.proof is not None
