@@ -38,6 +38,9 @@ from gyrowheel_sim.effects.quantities import (
     i_motor,
     rho,
     rho_ref,
+    theta,
+    theta_rate,
+    theta_z,
     z,
     z_rate,
     z_ref,
@@ -64,11 +67,12 @@ _SIZES = {
     "offset": (1.0e-4, 2.0e-3),
     "gain_warming": (1.0e-4, 5.0e-3), "gain_current": (5.0e-3, 0.5), "volts": (2.0e-4, 5.0e-3),
     "cube": (2.0e-6, 5.0e-5), "time": (5.0e-7, 1.0e-5),
+    "gain_time": (1.0e-5, 1.0e-3),
     "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5), "warming_square": (2.0e-5, 5.0e-4),
 }  # fmt: skip
 _UNITS = {
     "warming": "N*m/K", "current": "N*m/A", "gain_warming": "1/K", "gain_current": "1/A", "gain": "1",
-    "volts": "1/V^2", "cube": "N*m/V^3", "time": "N*m/s", "offset": "rad",
+    "volts": "1/V^2", "cube": "N*m/V^3", "time": "N*m/s", "gain_time": "1/s", "offset": "rad",
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
@@ -385,10 +389,40 @@ def further_forms() -> tuple[Term, ...]:
         ),
         ("tilt_by_time", "torque in proportion to the tilt and", "rotor_torque", _u, 0),
         ("spin_by_time", "torque on the spin in proportion", "shaft_torque", sp.S.One, 1),
+        (
+            "coil_gain_by_time",
+            "change of the torque per volt of the coils in proportion",
+            "coil_gain",
+            sp.S.One,
+            0,
+        ),
+        (
+            "motor_gain_by_time",
+            "change in torque and voltage constant of the motor in proportion",
+            "motor_gain",
+            sp.S.One,
+            0,
+        ),
     ):
         words = f"{text} to the time since the start of the recording, speed^q"
         law, power = _t * shape * _r**_q, _exponent("q", q, "speed")
-        result.append(_form(f"{name}_{q}", words, target, law, power, sized="time"))
+        sized = "gain_time" if TARGETS[target].unit == "1" else "time"
+        result.append(_form(f"{name}_{q}", words, target, law, power, sized=sized))
+    # a rotor that turns bends its flexures to and fro by the tilt
+    text, exponents = "torque of each flexure by its rate, |rate|^k", (_exponent("k", 2, "rate"),)
+    bent = theta_rate / (z_ref * Omega_ref)
+    law = bent * (bent**2 + _TINY) ** ((_k - 1) / 2)
+    result.append(_form("flexure_rate", text, "flexure_torque", law, *exponents))
+    for width in (0.5, 5.0):
+        text = "dry friction of each flexure"
+        bends = _scale("w", "rad/s", "rate within which it changes its sign", width, (1.0e-2, 100.0))
+        law = theta_rate / sp.sqrt(theta_rate**2 + _w**2)
+        result.append(_form(f"flexure_friction_{width:g}", text, "flexure_torque", law, bends))
+    text = "torque of each flexure with the square of its angle"
+    result.append(_form("flexure_square", text, "flexure_torque", (theta / z_ref) ** 2))
+    exponents = _exponent("k", 2, "tilt"), _exponent("q", 0, "speed")
+    text = "torque in a direction that turns with the rotor, |tilt|^k, speed^q"
+    result.append(_form("turning", text, "rotor_torque", sp.exp(sp.I * theta_z) * of_tilt, *exponents))
     power, at_rate = _exponent("q", 1, "speed"), z_rate / (z_ref * Omega_ref)
     text = "torque along or across the tilt rate, |tilt|^k, speed^q"
     exponents = _exponent("k", 1, "tilt"), power
@@ -396,8 +430,15 @@ def further_forms() -> tuple[Term, ...]:
     text, law = "torque with -1 times the direction of the tilt rate, speed^q", sp.conjugate(at_rate) * _r**_q
     result.append(_form("rate_mirror", text, "rotor_torque", law, power, sized="rate"))
     swift = z_rate * sp.conjugate(z_rate) / (z_ref * _TURNING) ** 2
-    text, law = "torque on the spin, |tilt rate|^k, speed^q", (swift + _TINY) ** (_k / 2) * _r**_q
-    result.append(_form("spin_rate", text, "shaft_torque", law, _exponent("k", 1, "tilt rate"), power))
+    for name, target, text in (
+        ("spin", "shaft_torque", "torque on the spin"),
+        ("axial", "axial_torque", "torque along the spin axis"),
+    ):
+        words, law = f"{text}, |tilt rate|^k, speed^q", (swift + _TINY) ** (_k / 2) * _r**_q
+        exponents = _exponent("k", 1, "tilt rate"), power
+        result.append(_form(f"{name}_rate", words, target, law, *exponents))
+    text, exponents = "torque along the spin axis, |tilt|^k, speed^q", (_exponent("k", 2, "tilt"), power)
+    result.append(_form("axial_tilt", text, "axial_torque", of_tilt, *exponents))
     return tuple(result)
 
 
