@@ -7,9 +7,10 @@ depends on the speed, torques in proportion to a temperature or to the motor's c
 on the direction of the tilt, and coils whose torque is not in proportion to their voltage, turns with the speed, or
 brakes the spin. `further_forms` has gains and tilt readings that depend on a temperature, the current or the tilt,
 torques of the coils with any multiple of the direction of their voltage or with its amount by axis, torques that grow
-with the time, and others that depend on the tilt rate. Where laws with a memory are candidates, torques, stiffnesses
-and gains of coils may lag behind the tilt, the speed or the temperature of the coils, and the motion of the tilt may
-pull a torque along.
+with the time, others that depend on the tilt rate, torques that turn with the rotor, and torques of the flexures by
+their angle and rate. Where the air changes, `air_forms` has torques that its density multiplies. Where laws with a
+memory are candidates, torques, stiffnesses and gains of coils may lag behind the tilt, the speed or the temperature of
+the coils, and the motion of the tilt may pull a torque along.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ _u = z / z_ref
 _square = z * sp.conjugate(z) / z_ref**2
 _size = sp.sqrt(z * sp.conjugate(z)) / z_ref
 _TURNING = Omega_ref / 250  # angular rate at which a tilt usually goes round
+_swift = z_rate * sp.conjugate(z_rate) / (z_ref * _TURNING) ** 2
 
 
 #: Usual sizes of a free form: on rotor and shaft, in proportion to the tilt rate, to a temperature, and of a gain.
@@ -67,12 +69,12 @@ _SIZES = {
     "offset": (1.0e-4, 2.0e-3),
     "gain_warming": (1.0e-4, 5.0e-3), "gain_current": (5.0e-3, 0.5), "volts": (2.0e-4, 5.0e-3),
     "cube": (2.0e-6, 5.0e-5), "time": (5.0e-7, 1.0e-5),
-    "gain_time": (1.0e-5, 1.0e-3),
+    "gain_time": (1.0e-5, 1.0e-3), "gain_volt": (5.0e-4, 0.02),
     "per_volt": (2.0e-5, 1.0e-3), "square": (1.0e-6, 5.0e-5), "warming_square": (2.0e-5, 5.0e-4),
 }  # fmt: skip
 _UNITS = {
     "warming": "N*m/K", "current": "N*m/A", "gain_warming": "1/K", "gain_current": "1/A", "gain": "1",
-    "volts": "1/V^2", "cube": "N*m/V^3", "time": "N*m/s", "gain_time": "1/s", "offset": "rad",
+    "volts": "1/V^2", "cube": "N*m/V^3", "time": "N*m/s", "gain_time": "1/s", "gain_volt": "1/V", "offset": "rad",
     "per_volt": "N*m/V", "square": "N*m/V^2", "warming_square": "1/K^2",
 }  # fmt: skip
 _SIZE = (5.0e-5, 1.0e-3)
@@ -148,6 +150,12 @@ _PLACES = {
     "pulled": {"p": _OF_TILT},
 }
 
+#: Kinds of forms that may act through the air.
+_IN_AIR = {
+    "lobes", "power", "fixed_tilt", "fixed_power", "rate", "spin_power", "axial_power", "spin_tilt", "axial_tilt",
+    "spin_rate", "axial_rate",
+}  # fmt: skip
+
 
 def _scale(name: str, unit: str, description: str, value: float, bounds: tuple[float, float]) -> Coefficient:
     usual = (0.5 * value, 2.0 * value)
@@ -216,8 +224,7 @@ def forms() -> tuple[Term, ...]:
         result.append(_form(f"fixed_power_{q}", text, "rotor_torque", _r**_q, power))
     for k, q in ((1, 0), (1, 2), (2, 0)):
         exponents = _exponent("k", k, "tilt rate"), _exponent("q", q, of_speed)
-        swift = z_rate * sp.conjugate(z_rate) / (z_ref * _TURNING) ** 2
-        shape = z_rate / (z_ref * Omega_ref) * (swift + _TINY) ** ((_k - 1) / 2) * _r**_q
+        shape = z_rate / (z_ref * Omega_ref) * (_swift + _TINY) ** ((_k - 1) / 2) * _r**_q
         text = "torque along or across the tilt rate, |tilt rate|^k, speed^q"
         result.append(_form(f"rate_{k}_{q}", text, "rotor_torque", shape, *exponents, sized="rate"))
     for q in (1, 3, 4):
@@ -409,15 +416,22 @@ def further_forms() -> tuple[Term, ...]:
         sized = "gain_time" if TARGETS[target].unit == "1" else "time"
         result.append(_form(f"{name}_{q}", words, target, law, power, sized=sized))
     # a rotor that turns bends its flexures to and fro by the tilt
-    text, exponents = "torque of each flexure by its rate, |rate|^k", (_exponent("k", 2, "rate"),)
-    bent = theta_rate / (z_ref * Omega_ref)
+    text, bent = "torque of each flexure by its rate, |rate|^k", theta_rate / (z_ref * Omega_ref)
     law = bent * (bent**2 + _TINY) ** ((_k - 1) / 2)
-    result.append(_form("flexure_rate", text, "flexure_torque", law, *exponents))
+    result.append(_form("flexure_rate", text, "flexure_torque", law, _exponent("k", 2, "rate")))
     for width in (0.5, 5.0):
         text = "dry friction of each flexure"
         bends = _scale("w", "rad/s", "rate within which it changes its sign", width, (1.0e-2, 100.0))
         law = theta_rate / sp.sqrt(theta_rate**2 + _w**2)
         result.append(_form(f"flexure_friction_{width:g}", text, "flexure_torque", law, bends))
+    text, power = (
+        "torque in a direction that turns with the rotor, |tilt rate|^k, speed^q",
+        _exponent("q", 0, "speed"),
+    )
+    law = sp.exp(sp.I * theta_z) * (_swift + _TINY) ** (_k / 2) * _r**_q
+    result.append(_form("turning_rate", text, "rotor_torque", law, _exponent("k", 1, "tilt rate"), power))
+    text = "change of the torque per volt of the coils with the direction of their voltage"
+    result.append(_form("coil_sided", text, "coil_gain", sp.S.One, sized="gain_volt", direction=V_coil))
     text = "torque of each flexure with the square of its angle"
     result.append(_form("flexure_square", text, "flexure_torque", (theta / z_ref) ** 2))
     exponents = _exponent("k", 2, "tilt"), _exponent("q", 0, "speed")
@@ -429,12 +443,11 @@ def further_forms() -> tuple[Term, ...]:
     result.append(_form("rate_of_tilt", text, "rotor_torque", at_rate * of_tilt, *exponents, sized="rate"))
     text, law = "torque with -1 times the direction of the tilt rate, speed^q", sp.conjugate(at_rate) * _r**_q
     result.append(_form("rate_mirror", text, "rotor_torque", law, power, sized="rate"))
-    swift = z_rate * sp.conjugate(z_rate) / (z_ref * _TURNING) ** 2
     for name, target, text in (
         ("spin", "shaft_torque", "torque on the spin"),
         ("axial", "axial_torque", "torque along the spin axis"),
     ):
-        words, law = f"{text}, |tilt rate|^k, speed^q", (swift + _TINY) ** (_k / 2) * _r**_q
+        words, law = f"{text}, |tilt rate|^k, speed^q", (_swift + _TINY) ** (_k / 2) * _r**_q
         exponents = _exponent("k", 1, "tilt rate"), power
         result.append(_form(f"{name}_rate", words, target, law, *exponents))
     text, exponents = "torque along the spin axis, |tilt|^k, speed^q", (_exponent("k", 2, "tilt"), power)
@@ -494,6 +507,30 @@ def memory_forms() -> tuple[Term, ...]:
     return tuple(result)
 
 
+@functools.cache
+def air_forms() -> tuple[Term, ...]:
+    """Return forms of the others that the density of the air multiplies; its exponent is fitted, too."""
+    result = []
+    for term in (*forms(), *further_forms()):
+        effect = term.effect
+        if effect is None or kind_of(term.name) not in _IN_AIR:
+            continue
+        (law,) = effect.laws
+        own = replace(
+            effect,
+            name=f"air_{effect.name}",
+            sentence=f"{effect.sentence}, density^m",
+            laws=(replace(law, expression=law.expression * (rho / rho_ref) ** _m),),
+            coefficients=(*effect.coefficients, _density(1.0)),
+        )
+        result.append(Term(own.name, own))
+    return tuple(result)
+
+
+def _density(power: float) -> Coefficient:
+    return _shape("m", power, 0.5, f"{_IS_EXPONENT}density", (-4.0, 8.0))
+
+
 def like(effect: Effect, shapes: Collection[str], name: str) -> Effect:
     """Return a form with the law of an effect, but some of its shapes free, and any exponent of the air's density."""
     free = tuple(_freed(c) if c.name in shapes else c for c in effect.coefficients)
@@ -525,8 +562,7 @@ def _with_density(effect: Effect) -> Effect:
     if others or _m in usual or not power.is_number or power == 0:
         return effect
     law = replace(law, expression=law.expression.subs(rho, rho_ref) * (rho / rho_ref) ** _m)
-    own = _shape("m", float(power), 0.5, f"{_IS_EXPONENT}density", (-4.0, 8.0))
-    return replace(effect, laws=(law,), coefficients=(*effect.coefficients, own))
+    return replace(effect, laws=(law,), coefficients=(*effect.coefficients, _density(float(power))))
 
 
 def kind_of(name: str) -> str:

@@ -24,7 +24,14 @@ from gyrowheel_analysis.criteria import (
     SHAPE_CONFLICT,
     TIE_LOSS,
 )
-from gyrowheel_analysis.diagnosis.free_forms import forms, further_forms, kind_of, like, memory_forms
+from gyrowheel_analysis.diagnosis.free_forms import (
+    air_forms,
+    forms,
+    further_forms,
+    kind_of,
+    like,
+    memory_forms,
+)
 from gyrowheel_analysis.diagnosis.proof import lack_of_fit
 from gyrowheel_analysis.diagnosis.selection import (
     Progress,
@@ -49,6 +56,7 @@ _PROMISING = FORM_GAIN / 3.0
 _BY_SHAPE = 0.5
 #: Square of a drift's scale from which on the drift may conceal a missing effect.
 _COVERING = 2.0
+_DENSER = 0.1  # part by which the density of the air changes, from which on laws of it are tried
 _TRIED = 8
 _AS_WELL = 0.9  # of the gain of effects, with which a form begins as they do
 _FIRST_STEPS = 3  # of a fit, after which an unpromising form is dropped
@@ -80,7 +88,16 @@ def family(problem: Problem, among: Sequence[Term]) -> list[Term]:
 
 def _pool(problem: Problem) -> list[Term]:
     """Return the free forms that are tried on a problem."""
-    return family(problem, (*forms(), *memory_forms()) if problem.unknowns.memory else forms())
+    memory = memory_forms() if problem.unknowns.memory else ()
+    air = air_forms() if _air_changes(problem) else ()
+    return family(problem, (*forms(), *memory, *air))
+
+
+def _air_changes(problem: Problem) -> bool:
+    """Whether the density of the air differs between windows."""
+    windows = [balance.windows for balance in problem.balances]
+    densities = np.concatenate([w.air_pressure / w.air_temperature for w in windows])
+    return bool(np.ptp(densities) > _DENSER * densities.max())
 
 
 def _loosened(problem: Problem, fit: Fit) -> dict[Term, Effect]:
