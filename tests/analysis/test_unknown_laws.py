@@ -138,6 +138,24 @@ BENT = {
         {"p": 0.75},
         0.0,
     ),
+    "flexure_square": (
+        "flexure_torque = -a*theta^2; a = 0.05 [N*m/rad^2]",
+        {"a": -0.05 * math.radians(5.0) ** 2},
+        0.04,
+    ),
+    "flexure_friction": (
+        "flexure_torque = -a*tanh(theta_rate/v); a = 4e-4 [N*m]; v = 0.5 +- 0.01 [rad/s]",
+        {"a": -4e-4},
+        0.04,
+    ),
+    "axial_rate": ("axial_torque = -a*r^2*abs(z_rate); a = 0.02 [N*m*s/rad]", {"k": 1.0, "q": 2.0}, 0.05),
+    "turning_rate": (
+        "torque = a*exp(i*theta_z)*abs(z_rate); a = 0.002 [N*m*s/rad]",
+        {"k": 1.0, "q": 0.0},
+        0.0,
+    ),
+    "coil_sided": ("coil_gain = a*re(V_coil); a = 0.005 [1/V]", {"a": 0.005}, 0.04),
+    "coil_gain_by_time": ("supply_drop = a*t; a = 0.01 [V/s]", {"q": 0.0}, 0.0),
 }
 
 
@@ -285,3 +303,32 @@ def test_two_effects_that_work_against_each_other_are_not_replaced_by_a_formula_
     selection = select(problem)
     assert {term.name for term in selection.best.terms} == {"coil_tilt", "tilt_nonlinearity"}
     assert search(problem, selection) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "law", "exponents"),
+    [
+        ("air_spin_power", "shaft_torque = -w*r^2*rho/rho_ref; w = 0.001 [N*m]", {"q": 2.0, "m": 1.0}),
+        pytest.param(
+            "air_lobes",
+            "torque = a*conj(z)*r*rho/rho_ref; a = 0.006 [N*m/rad]",
+            {"q": 1.0, "m": 1.0},
+            marks=pytest.mark.study,
+        ),
+    ],
+)
+def test_a_torque_of_the_air_that_no_effect_has_is_a_formula_with_its_density(
+    name: str, law: str, exponents: dict[str, float], tmp_path: Path
+) -> None:
+    """Windage acts along the axis of the tilted rotor: what a fan on the shaft lacks passed for a remanence."""
+    found = found_in(law, "quick", tmp_path)
+    assert not found.effects
+    (form,) = found.free_form
+    assert form.name == name
+    for exponent, value in exponents.items():
+        own = form.coefficients[exponent]
+        assert abs(own.value - value) < 4.0 * own.standard_error
+    assert "density" in found.sentence
+    assert found.proof is not None
+    assert found.proof.proven

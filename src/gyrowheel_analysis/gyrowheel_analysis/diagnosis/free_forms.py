@@ -150,10 +150,10 @@ _PLACES = {
     "pulled": {"p": _OF_TILT},
 }
 
-#: Kinds of forms that may act through the air.
+#: Kinds of forms that may act through the air; a drag along the spin axis is like windage (`like`).
 _IN_AIR = {
-    "lobes", "power", "fixed_tilt", "fixed_power", "rate", "spin_power", "axial_power", "spin_tilt", "axial_tilt",
-    "spin_rate", "axial_rate",
+    "lobes", "power", "fixed_tilt", "fixed_power", "rate", "spin_power", "spin_tilt", "axial_tilt", "spin_rate",
+    "axial_rate",
 }  # fmt: skip
 
 
